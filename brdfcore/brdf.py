@@ -1,0 +1,344 @@
+"""The one signature of everything that can be evaluated: models, measured files, tables, remote materials."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore import conventions
+from brdfcore.conventions import FloatArray, Outside
+from brdfcore.errors import InputError, UnknownNameError
+from brdfcore.geometry import angles_from_vectors
+from brdfcore.quadrature import hemisphere_rule
+from brdfcore.status import Status
+
+ChannelKind = Literal["name", "wavelength"]
+
+
+class Channels(tuple[Any, ...]):
+    """Immutable tuple of channel names ("R", "G", "B"; "value") or wavelengths in nm, with its kind."""
+
+    kind: ChannelKind
+
+    def __new__(cls, items: Iterable[str | float], kind: ChannelKind | None = None) -> Channels:
+        listed = list(items)
+        found: ChannelKind = "name" if all(isinstance(x, str) for x in listed) else "wavelength"
+        kind = kind or found
+        if not listed or kind not in ("name", "wavelength") or (kind == "name") != (found == "name"):
+            raise InputError(
+                "bad_channels",
+                f"channels: expected names, or wavelengths in nm, at least one; got {listed!r} as {kind}",
+                where="channels",
+            )
+        if kind == "wavelength":
+            listed = [float(x) for x in listed]
+            if not all(np.isfinite(x) and x > 0 for x in listed if isinstance(x, float)):
+                raise InputError("bad_channels", "channels: a wavelength is a positive number of nm", where="channels")
+        if len(set(listed)) != len(listed):
+            raise InputError("bad_channels", f"channels: each only once; got {listed!r}", where="channels")
+        self = super().__new__(cls, listed)
+        self.kind = kind
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Channels, (tuple(self), self.kind))
+
+    def find(self, name: str | float) -> int:
+        """Index of a channel by name, wavelength (also as text) or position "0", "1", ..."""
+        for i, channel in enumerate(self):
+            if channel == name or str(channel) == str(name) or self.labels()[i].split()[0] == str(name):
+                return i
+        if str(name).isdigit() and int(name) < len(self):
+            return int(name)
+        listed = ", ".join(str(c) for c in self)
+        raise UnknownNameError(
+            "unknown_channel",
+            f"no channel {str(name)[:40]!r}; this material has: {listed}",
+            where="channel",
+            got=str(name)[:40],
+            expected=listed,
+        )
+
+    def labels(self) -> list[str]:
+        """What a legend prints: "R", or "550 nm"."""
+        return [f"{c:g} nm" if self.kind == "wavelength" else str(c) for c in self]
+
+    def to_json(self) -> list[Any]:
+        return list(self)
+
+    @staticmethod
+    def common(a: Channels, b: Channels) -> Channels:
+        """Channels of a combination: one channel broadcasts against many, otherwise they must be equal."""
+        if a == b and a.kind == b.kind:
+            return a
+        if len(a) == 1 or len(b) == 1:
+            return b if len(a) == 1 else a
+        raise InputError(
+            "channels_differ",
+            f"channels differ: {list(a)} and {list(b)}; "
+            "combine materials with equal channels, or one of them with a single channel",
+            where="channels",
+            got=list(b),
+            expected=list(a),
+        )
+
+
+VALUE = Channels(("value",))
+RGB = Channels(("R", "G", "B"))
+
+
+class Brdf(ABC):
+    """A bidirectional reflectance distribution function f_r(theta_i, theta_o, delta_phi), isotropic.
+
+    Attributes
+    ----------
+    channels : Channels
+        What the last axis of every value array means.
+    bilateral, reciprocal, energy_conserving, non_negative : bool
+        f even in delta_phi; f equal with the directions swapped; albedo <= 1; f >= 0. Declared by a model,
+        measured for data.
+    has_delta : bool
+        True if a perfect mirror part exists; `evaluate` leaves it out, `delta_reflectance` gives it.
+    metadata, report : mappings
+        JSON-ready facts about the source; what an import found and what it did about it.
+    """
+
+    channels: Channels = VALUE
+    bilateral: bool = True
+    reciprocal: bool = True
+    energy_conserving: bool = True
+    non_negative: bool = True
+    has_delta: bool = False
+    #: True if `_evaluate` notices inputs outside the plain domain itself (compiled kernels do, in the same pass).
+    _checks_domain: bool = False
+
+    def __init__(self) -> None:
+        self.metadata: dict[str, Any] = {}
+        self.report: dict[str, Any] = {}
+
+    # ---- what an entry implements -------------------------------------------------------------
+
+    @abstractmethod
+    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        """Write f_r of n pairs into `out` (n, channels); inputs (n,), contiguous, of one float dtype.
+
+        Returns True if every input was in the plain domain: theta in [0, pi/2], |delta_phi| <= 3 pi, no NaN.
+        An entry that does not look (`_checks_domain` False) is only given such inputs and returns True.
+        """
+
+    def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
+        """f_r of unit vectors (n, 3), float64, both with z > 0, into `out` (n, channels)."""
+        theta_i, theta_o, delta_phi = (x.astype(out.dtype, copy=False) for x in angles_from_vectors(wi, wo))
+        self._evaluate(theta_i, theta_o, delta_phi, out)
+
+    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
+        """Status of n pairs inside the domain."""
+        return np.full(theta_i.shape, Status.MEASURED, np.uint8)
+
+    def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Reflectance of the mirror part, (n,) -> (n, channels)."""
+        return np.zeros((theta_i.size, len(self.channels)))
+
+    # ---- the public signature -----------------------------------------------------------------
+
+    def evaluate(
+        self,
+        theta_i: npt.ArrayLike,
+        theta_o: npt.ArrayLike,
+        delta_phi: npt.ArrayLike,
+        *,
+        out: FloatArray | None = None,
+        outside: Outside = "raise",
+    ) -> FloatArray:
+        """f_r in 1/sr, without the cosine and without the delta part.
+
+        Parameters
+        ----------
+        theta_i, theta_o : array_like
+            Polar angles of light and viewer, radians, [0, pi/2]. They broadcast with delta_phi.
+        delta_phi : array_like
+            phi_o - phi_i, radians, any finite number; the mirror direction is pi.
+        out : ndarray, optional
+            Result array of exactly the result's shape and dtype. After an error its contents are undefined.
+        outside : {"raise", "nan", "clip"}
+            What angles outside the domain mean; see `conventions`.
+
+        Returns
+        -------
+        ndarray, shape broadcast(theta_i, theta_o, delta_phi) + (channels,)
+            float32 if all inputs are float32, else float64.
+
+        Raises
+        ------
+        InputError
+            An angle is NaN, infinite or past the horizon (names argument, index and value); shapes do not
+            broadcast; `out` does not fit.
+        """
+        angles = conventions.flatten_angles(theta_i, theta_o, delta_phi)
+        count = len(self.channels)
+        values = conventions.prepare_out(out, (*angles.shape, count), angles.theta_i.dtype)
+        direct = values.flags.c_contiguous
+        flat = values.reshape(-1, count) if direct else np.empty((angles.theta_i.size, count), values.dtype)
+        if not (self._checks_domain and outside == "raise" and self._evaluate(*angles[:3], flat)):
+            angles = conventions.check_domain(angles, outside)
+            self._evaluate(*angles[:3], flat)
+            if angles.outside is not None:
+                flat[angles.outside] = np.nan
+        if not direct:
+            values[...] = flat.reshape(values.shape)
+        return values
+
+    def evaluate_vectors(self, wi: npt.ArrayLike, wo: npt.ArrayLike, *, out: FloatArray | None = None) -> FloatArray:
+        """f_r in 1/sr from directions of shape (..., 3), normal +z; exactly 0 where either has z <= 0.
+
+        Vectors need not be unit. A zero, NaN or infinite vector is an `InputError`. Result shape is the
+        broadcast shape without the last axis + (channels,); float32 if both inputs are float32.
+        """
+        vectors = conventions.flatten_vectors(wi, wo)
+        count = len(self.channels)
+        values = conventions.prepare_out(out, (*vectors.shape, count), vectors.dtype)
+        above = (vectors.wi[:, 2] > 0) & (vectors.wo[:, 2] > 0)
+        flat = np.zeros((above.size, count), values.dtype)
+        if above.all():
+            self._evaluate_vectors(vectors.wi, vectors.wo, flat)
+        elif above.any():
+            some = np.empty((int(above.sum()), count), values.dtype)
+            self._evaluate_vectors(vectors.wi[above], vectors.wo[above], some)
+            flat[above] = some
+        values[...] = flat.reshape(values.shape)
+        return values
+
+    def status(self, theta_i: npt.ArrayLike, theta_o: npt.ArrayLike, delta_phi: npt.ArrayLike) -> npt.NDArray[np.uint8]:
+        """Where each value comes from: `Status` codes, uint8, of the broadcast shape. OUTSIDE never raises."""
+        angles = conventions.check_domain(conventions.flatten_angles(theta_i, theta_o, delta_phi), "nan")
+        codes = self._status(*angles[:3])
+        if angles.outside is not None:
+            codes = np.where(angles.outside, np.uint8(Status.OUTSIDE), codes)
+        return codes.reshape(angles.shape)
+
+    def delta_reflectance(self, theta_i: npt.ArrayLike) -> FloatArray:
+        """Reflectance of the perfect mirror part, in [0, 1]; shape theta_i.shape + (channels,), float64."""
+        angles = conventions.check_domain(conventions.flatten_angles(theta_i, 0.0, 0.0))
+        values = self._delta_reflectance(np.minimum(angles.theta_i.astype(np.float64), conventions.HALF_PI))
+        return values.reshape((*angles.shape, len(self.channels)))
+
+    def albedo(self, theta_i: npt.ArrayLike, *, points: int = 12, azimuths: int = 64) -> FloatArray:
+        """Directional-hemispherical reflectance int f_r cos_o dwo, the delta part included.
+
+        Quadrature over the half vector, graded towards the mirror direction (`quadrature.hemisphere_rule`);
+        `points` and `azimuths` set its size. Shape theta_i.shape + (channels,), float64. Doubling both and
+        taking the difference estimates the error.
+        """
+        angles = conventions.check_domain(conventions.flatten_angles(theta_i, 0.0, 0.0))
+        thetas = np.minimum(angles.theta_i.astype(np.float64), conventions.HALF_PI)
+        values = self._delta_reflectance(thetas)
+        for k, theta in enumerate(thetas):
+            theta_o, delta_phi, weight = hemisphere_rule(
+                float(theta), points=points, azimuths=azimuths, bilateral=self.bilateral
+            )
+            f = self.evaluate(theta, theta_o, delta_phi)
+            values[k] += (weight * np.cos(theta_o)) @ f
+        return values.reshape((*angles.shape, len(self.channels)))
+
+    def describe(self) -> dict[str, Any]:
+        """JSON-ready facts: channels, flags, metadata."""
+        return {
+            "channels": self.channels.to_json(),
+            "channel_kind": self.channels.kind,
+            "bilateral": self.bilateral,
+            "reciprocal": self.reciprocal,
+            "energy_conserving": self.energy_conserving,
+            "non_negative": self.non_negative,
+            "has_delta": self.has_delta,
+            "metadata": dict(self.metadata),
+        }
+
+    def __add__(self, other: object) -> Brdf:
+        return Sum(self, other) if isinstance(other, Brdf) else NotImplemented
+
+    def __mul__(self, factor: Any) -> Brdf:
+        return NotImplemented if isinstance(factor, Brdf) else Scaled(self, factor)
+
+    __rmul__ = __mul__
+
+
+class Sum(Brdf):
+    """a + b. Reciprocal, bilateral and non-negative if both are; energy conservation is not claimed."""
+
+    def __init__(self, a: Brdf, b: Brdf) -> None:
+        super().__init__()
+        self.parts = (a, b)
+        self.channels = Channels.common(a.channels, b.channels)
+        self.bilateral = a.bilateral and b.bilateral
+        self.reciprocal = a.reciprocal and b.reciprocal
+        self.non_negative = a.non_negative and b.non_negative
+        self.energy_conserving = False  # each may reflect all light
+        self.has_delta = a.has_delta or b.has_delta
+        self.metadata = {"sum": [a.describe()["metadata"], b.describe()["metadata"]]}
+
+    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        a, b = (p.evaluate(theta_i, theta_o, delta_phi) for p in self.parts)
+        np.add(a, b, out=out)
+        return True
+
+    def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
+        parts = []
+        for p in self.parts:
+            values = np.empty((wi.shape[0], len(p.channels)), out.dtype)
+            p._evaluate_vectors(wi, wo, values)
+            parts.append(values)
+        np.add(parts[0], parts[1], out=out)
+
+    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
+        a, b = (p._status(theta_i, theta_o, delta_phi) for p in self.parts)
+        return np.maximum(a, b)  # the codes ascend from measured to outside: the weaker of the two
+
+    def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        a, b = (p._delta_reflectance(theta_i) for p in self.parts)
+        return a + b
+
+
+class Scaled(Brdf):
+    """factor * brdf, the factor a number >= 0 or one per channel; the delta part is scaled with it."""
+
+    def __init__(self, part: Brdf, factor: Any) -> None:
+        super().__init__()
+        try:
+            scale = np.atleast_1d(np.asarray(factor, dtype=np.float64))
+        except (TypeError, ValueError) as error:
+            raise InputError("bad_factor", f"factor: expected numbers, got {factor!r}", where="factor") from error
+        usable = scale.ndim == 1 and scale.size in (1, len(part.channels))
+        if not usable or not (np.isfinite(scale) & (scale >= 0)).all():
+            raise InputError(
+                "bad_factor",
+                f"factor: expected a number >= 0, or {len(part.channels)} of them (one per channel); got {factor!r}",
+                where="factor",
+                expected=f"1 or {len(part.channels)} finite numbers >= 0",
+            )
+        self.part = part
+        self.factor = scale
+        self.channels = part.channels
+        self.bilateral, self.reciprocal, self.non_negative = part.bilateral, part.reciprocal, part.non_negative
+        self.energy_conserving = part.energy_conserving and bool((scale <= 1).all())
+        self.has_delta = part.has_delta
+        self.metadata = {"scaled": part.describe()["metadata"], "factor": scale.tolist()}
+        self.report = part.report
+
+    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        self.part.evaluate(theta_i, theta_o, delta_phi, out=out)
+        np.multiply(out, self.factor.astype(out.dtype), out=out)
+        return True
+
+    def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
+        self.part._evaluate_vectors(wi, wo, out)
+        np.multiply(out, self.factor.astype(out.dtype), out=out)
+
+    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
+        return self.part._status(theta_i, theta_o, delta_phi)
+
+    def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return self.part._delta_reflectance(theta_i) * self.factor

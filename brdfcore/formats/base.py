@@ -1,0 +1,45 @@
+"""What every file format is: recognised by content, read to a `Brdf` with a report, perhaps written."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any, ClassVar
+
+from brdfcore.brdf import Brdf
+from brdfcore.errors import InputError
+from brdfcore.parameters import Parameter
+
+
+class Format(ABC):
+    """A file format. Instances hold nothing; `io` calls `sniff`, `read` and `write`.
+
+    A reader declares the conventions of its source and says in `brdf.report` what it found and did. The
+    report's shared keys: `format`, `file`, `sha256`, `bytes`, `conventions` (text by topic), `found` (counts
+    and ranges), `done` (list of sentences: every change to the data), `warnings` (list of sentences).
+    """
+
+    name: ClassVar[str]
+    SUMMARY: ClassVar[str] = ""
+    REFERENCE: ClassVar[str] = ""
+    EXTENSIONS: ClassVar[tuple[str, ...]] = ()
+    #: Options of `read`.
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
+    writable: ClassVar[bool] = False
+
+    @abstractmethod
+    def sniff(self, head: bytes) -> bool:
+        """True if a file that begins with `head` (its first 4,096 bytes or fewer) is of this format."""
+
+    @abstractmethod
+    def read(self, path: Path, **options: Any) -> Brdf:
+        """Read a file. `FileFormatError` names file, field and offset; `StorageError` if it can't be opened."""
+
+    def write(self, brdf: Brdf, path: Path) -> None:
+        """Write `brdf`; `InputError` if this format can't hold it."""
+        raise InputError(
+            "format_not_writable",
+            f"format {self.name!r} can be read, not written",
+            where="format",
+            got=self.name,
+        )
