@@ -6,7 +6,7 @@ The names below are imported when first used, so that `import brdfcore` costs li
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
@@ -25,9 +25,9 @@ _PUBLIC = {
     "Table": "brdfcore.tables.base",
     "compare": "brdfcore.metrics",
     "model": "brdfcore.catalogue",
-    "models": "brdfcore.catalogue",
+    "models": None,  # a package that is callable: brdfcore.models()
     "representations": "brdfcore.catalogue",
-    "formats": "brdfcore.catalogue",
+    "formats": None,
     "tabulate": "brdfcore.build",
     "open_table": "brdfcore.tables.store",
     "read": "brdfcore.io",
@@ -35,8 +35,37 @@ _PUBLIC = {
     "write": "brdfcore.io",
     "slice": "brdfcore.plot.slices",
     "starter_library": "brdfcore.starter",
+    "to_radians": "brdfcore.conventions",
     "plot": None,  # a package: brdfcore.plot.polar(...)
 }
+
+if TYPE_CHECKING:  # the same names for type checkers, which would see Any through __getattr__
+    from brdfcore import plot as plot
+    from brdfcore.brdf import Brdf as Brdf
+    from brdfcore.brdf import Channels as Channels
+    from brdfcore.build import tabulate as tabulate
+    from brdfcore.catalogue import formats as formats
+    from brdfcore.catalogue import model as model
+    from brdfcore.catalogue import models as models
+    from brdfcore.catalogue import representations as representations
+    from brdfcore.conventions import to_radians as to_radians
+    from brdfcore.errors import BrdfError as BrdfError
+    from brdfcore.errors import FileFormatError as FileFormatError
+    from brdfcore.errors import InputError as InputError
+    from brdfcore.errors import LimitError as LimitError
+    from brdfcore.errors import MissingExtraError as MissingExtraError
+    from brdfcore.errors import StorageError as StorageError
+    from brdfcore.errors import UnknownNameError as UnknownNameError
+    from brdfcore.io import read as read
+    from brdfcore.io import sniff as sniff
+    from brdfcore.io import write as write
+    from brdfcore.metrics import compare as compare
+    from brdfcore.parameters import Parameter as Parameter
+    from brdfcore.plot.slices import slice as slice
+    from brdfcore.starter import starter_library as starter_library
+    from brdfcore.status import Status as Status
+    from brdfcore.tables.base import Table as Table
+    from brdfcore.tables.store import open_table as open_table
 
 __all__ = [*_PUBLIC, "__version__"]
 

@@ -35,9 +35,10 @@ class Channels(tuple[Any, ...]):
                 where="channels",
             )
         if kind == "wavelength":
-            listed = [float(x) for x in listed]
-            if not all(np.isfinite(x) and x > 0 for x in listed if isinstance(x, float)):
+            numbers = [x for x in listed if isinstance(x, (int, float, np.number)) and not isinstance(x, bool)]
+            if len(numbers) < len(listed) or not all(np.isfinite(x) and x > 0 for x in numbers):
                 raise InputError("bad_channels", "channels: a wavelength is a positive number of nm", where="channels")
+            listed = [float(x) for x in numbers]
         if len(set(listed)) != len(listed):
             raise InputError("bad_channels", f"channels: each only once; got {listed!r}", where="channels")
         self = super().__new__(cls, listed)

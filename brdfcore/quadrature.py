@@ -52,10 +52,10 @@ def hemisphere_rule(
     The mirror direction itself is the pole of the rule: symmetric lobes converge in one azimuth.
     """
     if bilateral:
-        phi_h, w_phi = composite(np.linspace(0.0, np.pi, 5), max(azimuths // 8, 2))
-        w_phi = np.multiply(w_phi, 2.0)
+        phi_h, w_half = composite(np.linspace(0.0, np.pi, 5), max(azimuths // 8, 2))
+        w_phi = w_half + w_half
     else:
-        phi_h = (np.arange(azimuths) + 0.5) * (2 * np.pi / azimuths)
+        phi_h = (np.arange(azimuths, dtype=np.float64) + 0.5) * (2 * np.pi / azimuths)
         w_phi = np.full(azimuths, 2 * np.pi / azimuths, dtype=np.float64)
     u, w_u = composite(_GRADED, points)
     limit = horizon_theta_h(theta_i, phi_h)

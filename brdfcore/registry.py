@@ -47,7 +47,7 @@ class Registry:
     def _unknown(self, name: object) -> UnknownNameError:
         names = self.names()
         close = difflib.get_close_matches(str(name), names, n=3, cutoff=0.5)
-        meant = f"; did you mean {' or '.join(repr(c) for c in close)}?" if close else ""
+        meant = f"; did you mean {' or '.join(repr(c) for c in close)}?" if close else "."
         return UnknownNameError(
             f"unknown_{self.kind}",
             f"no {self.kind} is called {str(name)[:80]!r}{meant} Known: {', '.join(names)}",
@@ -84,5 +84,6 @@ FORMATS = Registry(
     {
         "rgl": "brdfcore.formats.rgl:RglFormat",
         "table": "brdfcore.formats.table:TableFormat",
+        "model": "brdfcore.formats.model_file:ModelFormat",
     },
 )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from typing import Any, ClassVar, Self
@@ -16,7 +17,20 @@ import numpy.typing as npt
 from brdfcore.brdf import Brdf, Channels
 from brdfcore.parameters import Parameter
 
+#: Called as progress(done, total, stage) while a table is built and measured.
+Progress = Callable[[int, int, str], None]
+
 FLAGS = ("bilateral", "reciprocal", "energy_conserving", "non_negative")
+
+
+@dataclass(frozen=True, slots=True)
+class BuildOptions:
+    """What `tabulate` was asked for; see there. shape None means the representation's default."""
+
+    shape: tuple[int, ...] | None = None
+    interpolation: str = "linear"
+    negatives: str = "keep"
+    fold: frozenset[str] = frozenset()
 
 
 class Table(Brdf):
@@ -66,6 +80,26 @@ class Table(Brdf):
         flags: Mapping[str, bool],
     ) -> Self:
         """The inverse of `to_arrays` and `attributes`; raises `FileFormatError` where they do not fit together."""
+
+    @classmethod
+    @abstractmethod
+    def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
+        """Sample `source`; raises `InputError` where the options or the source do not suit."""
+
+    @classmethod
+    def can_hold(cls, source: Brdf) -> bool:
+        """Whether `build` can represent `source` at all; what "auto" considers."""
+        return True
+
+    @classmethod
+    def candidates(cls, source: Brdf, options: BuildOptions, max_bytes: int | None) -> Iterable[BuildOptions]:
+        """Options to try, cheapest first; with `max_bytes`, the best that should fit."""
+        return (options,)
+
+    @classmethod
+    def worth_refining(cls, l1: float, tolerance: float) -> bool:
+        """Whether a larger candidate could reach `tolerance` when this one has error `l1`."""
+        return True
 
     @property
     def flags(self) -> dict[str, bool]:

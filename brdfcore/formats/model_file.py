@@ -1,0 +1,92 @@
+"""A model and its parameters as a JSON file: `{"model": "cook_torrance", "parameters": {"roughness": 0.1}}`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from brdfcore.atomic import replacing
+from brdfcore.brdf import Brdf
+from brdfcore.catalogue import model
+from brdfcore.errors import BrdfError, FileFormatError, InputError, StorageError
+from brdfcore.formats.base import Format
+from brdfcore.parameters import resolve
+
+#: Far above any parameter list; a larger file is something else.
+MAX_BYTES = 1_000_000
+_KEYS = {"model", "parameters", "about"}
+
+
+class ModelFormat(Format):
+    """JSON object with `model` (a registry name), `parameters` (an object) and, optionally, `about` (a sentence).
+
+    Read to the model itself, evaluated exactly; never tabulated on the way.
+    """
+
+    name = "model"
+    SUMMARY = "an analytic model and its parameters (JSON)"
+    EXTENSIONS = (".json",)
+    writable = True
+
+    def sniff(self, head: bytes) -> bool:
+        return head.lstrip()[:1] == b"{" and b'"model"' in head
+
+    def read(self, path: Path, **options: Any) -> Brdf:
+        resolve("format 'model'", self.PARAMETERS, options)
+        try:
+            with path.open("rb") as file:
+                raw = file.read(MAX_BYTES + 1)
+        except OSError as error:
+            raise StorageError("cannot_open", f"{path}: {error.strerror or error}", where=str(path)) from error
+        if len(raw) > MAX_BYTES:
+            raise _bad(path, f"a model file has at most {MAX_BYTES} bytes")
+        try:
+            content = json.loads(raw)
+        except (ValueError, RecursionError) as error:
+            raise _bad(path, f"not JSON ({error})", offset=getattr(error, "pos", 0)) from error
+        if not isinstance(content, dict) or not isinstance(content.get("model"), str):
+            raise _bad(path, 'expected an object {"model": NAME, "parameters": {...}}')
+        parameters, about = content.get("parameters", {}), content.get("about", "")
+        unknown = sorted(set(content) - _KEYS)
+        if unknown or not isinstance(parameters, dict) or not isinstance(about, str):
+            raise _bad(path, f"expected 'model', an object 'parameters' and a text 'about'; unknown: {unknown!r:.100}")
+        if "name" in parameters:  # would collide with the name of the model
+            raise _bad(path, "no model has a parameter 'name'")
+        try:
+            brdf = model(content["model"], **parameters)
+        except BrdfError as error:
+            context = {**error.context, "file": path.name}
+            raise FileFormatError(error.code, f"{path.name}: {error.detail}", **context) from error
+        if about:
+            brdf.metadata["about"] = about
+        brdf.report = {
+            "format": self.name,
+            "file": path.name,
+            "sha256": hashlib.sha256(raw).hexdigest(),
+            "bytes": len(raw),
+            "conventions": {},
+            "found": {"model": content["model"], "parameters": parameters},
+            "done": [],
+            "warnings": [],
+        }
+        return brdf
+
+    def write(self, brdf: Brdf, path: Path) -> None:
+        if "model" not in brdf.metadata:
+            raise InputError(
+                "not_a_model",
+                "only an analytic model can be written as a model file; save others as a table",
+                where="brdf",
+                got=type(brdf).__name__,
+                expected="a model",
+            )
+        keys = {key: brdf.metadata[key] for key in ("model", "parameters", "about") if key in brdf.metadata}
+        text = json.dumps(keys, indent=1, allow_nan=False) + "\n"
+        with replacing(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+
+def _bad(path: Path, what: str, offset: int = 0) -> FileFormatError:
+    return FileFormatError("bad_model_file", f"{path.name}: {what}", where=path.name, file=path.name, offset=offset)

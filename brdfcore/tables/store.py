@@ -1,0 +1,243 @@
+"""One HDF5 file a table: written whole or not at all, trusted only as far as it was checked.
+
+Layout, schema version 1 (little-endian, chunked, fletcher32 checksums):
+
+    /header          uint8, JSON text: schema_version, representation, evaluation_version, channels, channel_kind,
+                     flags, attributes, id; beside them source, report, error, metadata, code_version
+    /arrays/NAME     each array a look-up touches
+
+The store knows `to_arrays` and `from_arrays` only; a representation never sees HDF5.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import brdfcore
+from brdfcore.atomic import replacing
+from brdfcore.brdf import Channels
+from brdfcore.errors import FileFormatError, InputError, LimitError, StorageError, missing_extra
+from brdfcore.registry import REPRESENTATIONS
+from brdfcore.tables.base import FLAGS, Table
+
+try:
+    import h5py
+except ImportError as error:
+    raise missing_extra("h5py", "core", "storing a table") from error
+
+SCHEMA_VERSION = 1
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+#: Largest table read, bytes in memory; a file that declares more is refused before anything is read.
+MAX_BYTES = 4_000_000_000
+#: Largest JSON header.
+MAX_HEADER = 16_000_000
+#: Values a chunk: small enough that a damaged chunk is found by its own checksum.
+_CHUNK = 65_536
+_DTYPES = frozenset(np.dtype(t) for t in ("<f4", "<f8", "<i4", "<i8", "<u4", "|u1"))
+
+
+def save(table: Table, path: str | PathLike[str]) -> None:
+    """Write `table` to `path`: to a temporary file in the same folder, flushed to disk, then renamed.
+
+    A process killed at any moment leaves the old file or the new one, and perhaps a hidden temporary file that
+    the next save to the same name removes. The bytes depend on the table only. Raises `StorageError`.
+    """
+    path = Path(path)
+    header = {
+        "schema_version": SCHEMA_VERSION,
+        "representation": table.name,
+        "evaluation_version": table.EVALUATION_VERSION,
+        "channels": table.channels.to_json(),
+        "channel_kind": table.channels.kind,
+        "flags": table.flags,
+        "attributes": table.attributes(),
+        "id": table.id,
+        "source": table.source,
+        "report": table.report,
+        "error": table.error,
+        "metadata": table.metadata,
+        "code_version": brdfcore.__version__,
+    }
+    text = np.frombuffer(json.dumps(header, sort_keys=True, allow_nan=False).encode(), np.uint8)
+    with replacing(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:
+        _write(file, "header", text)
+        group = file.create_group("arrays")
+        for name, array in table.to_arrays().items():
+            _write(group, name, array)
+
+
+def _write(group: Any, name: str, array: npt.NDArray[Any]) -> None:
+    little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
+    chunks = list(little.shape)
+    while np.prod(chunks) > _CHUNK:  # halve the longest axis
+        longest = int(np.argmax(chunks))
+        chunks[longest] = -(-chunks[longest] // 2)
+    group.create_dataset(name, data=little, chunks=tuple(chunks), fletcher32=True, track_times=False)
+
+
+def open_table(path: str | PathLike[str], *, max_bytes: int = MAX_BYTES) -> Table:
+    """Read a table whole into memory and close the file.
+
+    Every structure is checked before it is read (hard links only; no external, virtual or variable-length data;
+    no filter but fletcher32; shape x itemsize against `max_bytes` and against what the file really holds), every
+    value after (finite, and the id again from what was read).
+
+    Raises `StorageError` if the file can't be opened, `FileFormatError` naming file and field, `LimitError`.
+    """
+    path = Path(path)
+    with _opened(path) as file:
+        header = _read_header(path, file)
+        if header["representation"] not in REPRESENTATIONS:
+            known = ", ".join(REPRESENTATIONS.names())
+            raise _damaged(path, "header/representation", repr(header["representation"])[:100], f"one of {known}")
+        cls = REPRESENTATIONS.load(header["representation"])
+        arrays, budget = {}, max_bytes
+        group = _child(path, file, "arrays", h5py.Group)
+        for name in group:
+            array = _read(path, group, name, budget)
+            budget -= array.nbytes
+            arrays[name] = array
+    for name, array in arrays.items():
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            place = [int(i) for i in np.argwhere(~np.isfinite(array))[0]]
+            raise _damaged(path, f"arrays/{name}", f"a value that is not finite at {place}", "finite values")
+    try:
+        channels = Channels(header["channels"], header["channel_kind"])
+        table: Table = cls.from_arrays(arrays, header["attributes"], channels, header["flags"])
+    except (FileFormatError, InputError) as error:
+        raise FileFormatError(
+            error.code, f"{path.name}: {error.detail}", **{**error.context, "file": path.name}
+        ) from error
+    if header["evaluation_version"] == cls.EVALUATION_VERSION and table.id != header["id"]:
+        raise _damaged(path, "header/id", table.id, str(header["id"]))
+    table.source, table.report = header["source"], header["report"]
+    table.error, table.metadata = header["error"], header["metadata"]
+    return table
+
+
+def read_header(path: str | PathLike[str]) -> dict[str, Any]:
+    """The JSON header of a table file, without its arrays; for lists. Raises as `open_table`."""
+    path = Path(path)
+    with _opened(path) as file:
+        return _read_header(path, file)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    try:
+        with path.open("rb") as plain:
+            head = plain.read(len(SIGNATURE))
+    except OSError as error:
+        raise StorageError(
+            "cannot_open", f"{path}: {error.strerror or error}", where=str(path), got=error.strerror
+        ) from error
+    if head != SIGNATURE:
+        raise FileFormatError(
+            "not_a_table",
+            f"{path.name}: not a table file (HDF5 signature missing at offset 0)",
+            where=path.name,
+            offset=0,
+            got=repr(head),
+            expected=repr(SIGNATURE),
+        )
+    try:
+        # files are replaced, never changed in place, so no lock is needed (and network folders often have none)
+        with h5py.File(path, "r", locking=False) as file:
+            yield file
+    except (FileFormatError, LimitError):
+        raise
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:  # what h5py raises for damage
+        raise _damaged(path, "file", str(error)[:200], "a whole, undamaged HDF5 file") from error
+
+
+def _read_header(path: Path, file: Any) -> dict[str, Any]:
+    raw = _read(path, file, "header", MAX_HEADER)
+    try:
+        header = json.loads(raw.tobytes())
+    except (ValueError, RecursionError) as error:
+        raise _damaged(path, "header", str(error), "JSON") from error
+    expected: dict[str, type] = {
+        "schema_version": int,
+        "representation": str,
+        "evaluation_version": int,
+        "channels": list,
+        "channel_kind": str,
+        "flags": dict,
+        "attributes": dict,
+        "id": str,
+        "source": dict,
+        "report": dict,
+        "error": dict,
+        "metadata": dict,
+    }
+    if not isinstance(header, dict):
+        raise _damaged(path, "header", type(header).__name__, "an object")
+    for key, kind in expected.items():
+        if not isinstance(header.get(key), kind):
+            raise _damaged(path, f"header/{key}", type(header.get(key)).__name__, kind.__name__)
+    if header["schema_version"] != SCHEMA_VERSION:
+        raise FileFormatError(
+            "schema_version",
+            f"{path.name}: schema version {header['schema_version']}, this program reads {SCHEMA_VERSION}",
+            where="header/schema_version",
+            got=header["schema_version"],
+            expected=SCHEMA_VERSION,
+        )
+    if not all(isinstance(header["flags"].get(flag), bool) for flag in FLAGS):
+        raise _damaged(path, "header/flags", str(header["flags"])[:100], f"true or false for {', '.join(FLAGS)}")
+    return header
+
+
+def _child(path: Path, group: Any, name: str, kind: type) -> Any:
+    link = group.get(name, getlink=True)
+    if not isinstance(link, h5py.HardLink):
+        raise _damaged(path, name, type(link).__name__ if link else "nothing", "a hard link")
+    child = group[name]
+    if not isinstance(child, kind):
+        raise _damaged(path, name, type(child).__name__, kind.__name__)
+    return child
+
+
+def _read(path: Path, group: Any, name: str, limit: int) -> npt.NDArray[Any]:
+    dataset = _child(path, group, name, h5py.Dataset)
+    if dataset.dtype not in _DTYPES or dataset.shape is None:
+        raise _damaged(path, name, str(dataset.dtype), "little-endian numbers: " + " ".join(sorted(map(str, _DTYPES))))
+    layout = dataset.id.get_create_plist()
+    filters = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
+    if any(f != h5py.h5z.FILTER_FLETCHER32 for f in filters):
+        raise _damaged(path, name, f"filters {filters}", "no filter but fletcher32")
+    if dataset.is_virtual or dataset.external or layout.get_layout() not in (h5py.h5d.CHUNKED, h5py.h5d.CONTIGUOUS):
+        raise _damaged(path, name, "external, virtual or compact data", "data in this file")
+    size = dataset.dtype.itemsize
+    for n in dataset.shape:
+        size *= int(n)
+    if size > limit:
+        raise LimitError(
+            "table_too_large",
+            f"{path.name}: {name} declares {size} bytes; the limit is {limit}",
+            where=name,
+            got=size,
+            limit=limit,
+        )
+    if dataset.id.get_storage_size() < size:  # never-written chunks would be read as zeros
+        raise _damaged(path, name, f"{dataset.id.get_storage_size()} bytes stored", f"{size} bytes")
+    return np.asarray(dataset[()]).astype(dataset.dtype.newbyteorder("="), copy=False)
+
+
+def _damaged(path: Path, field: str, got: str, expected: str) -> FileFormatError:
+    return FileFormatError(
+        "damaged_table",
+        f"{path.name}: {field}: {got}; expected {expected}. The file is damaged or not one of ours.",
+        where=field,
+        file=path.name,
+        got=got,
+        expected=expected,
+    )
