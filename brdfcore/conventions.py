@@ -187,6 +187,9 @@ def reduce_delta_phi(delta_phi: FloatArray) -> FloatArray:
     reduced = (rest - over * two_pi) - (turns + over) * (2 * PI_LO)
     # beyond 2**53 turns the correction is larger than a turn and meaningless
     reduced = np.where(np.abs(turns) < 2.0**52, reduced, rest - over * two_pi)
+    # after many turns the correction may have pushed it past half a turn again
+    past = np.where(reduced > PI_HI, 1.0, np.where(reduced < -PI_HI, -1.0, 0.0))
+    reduced = (reduced - past * two_pi) - past * (2 * PI_LO)
     return np.where(np.abs(delta_phi) <= PI_HI, delta_phi, reduced)
 
 
@@ -240,9 +243,14 @@ def _normalised(name: str, v: FloatArray, shape: tuple[int, ...]) -> npt.NDArray
             expected="a finite vector that is not zero",
         )
     # scaled by the largest component first: squares of 1e-200 or 1e200 would under- or overflow
-    w = v.astype(np.float64) / largest.astype(np.float64)[:, None]
-    norm = np.sqrt((w * w).sum(axis=1))
-    return np.ascontiguousarray(w / norm[:, None], dtype=np.float64)
+    exact = v.astype(np.float64)
+    w = exact / largest.astype(np.float64)[:, None]
+    with np.errstate(over="ignore", under="ignore"):
+        norm = np.sqrt((w * w).sum(axis=1))
+        unit = np.abs((exact * exact).sum(axis=1) - 1) <= 4 * np.finfo(np.float64).eps
+    # What is unit to rounding keeps its bits: rounded again it moves by 1e-16, and a lobe of roughness 1e-6, or the
+    # half vector of two grazing directions, loses ten digits and more. `pair_from_vectors` accounts for the length.
+    return np.ascontiguousarray(np.where(unit[:, None], exact, w / norm[:, None]))
 
 
 def prepare_out(out: FloatArray | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> FloatArray:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.conventions import HALF_PI, PI_HI, PI_LO, reduce_delta_phi
+from brdfcore.conventions import HALF_PI, PI_HI, PI_LO
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -22,6 +22,7 @@ class PairGeometry:
     cos_i, cos_o  cosines to the normal, >= 0.
     tan2_h        tan^2 theta_h, theta_h between the normal and the half vector h.
     cos_d         cos theta_d = wi.h = wo.h.
+    sin2_d        sin^2 theta_d: 1 - cos theta_d = sin2_d/(1 + cos_d) keeps its digits near retro-reflection.
     one_minus_rv  1 - r.v, r the mirror image of wi about the normal and v = wo: 0 at the mirror direction.
     sin_i, sin_o  sines to the normal.
     cos_delta_phi cosine of the azimuth difference; 1 where a direction is the normal and it has no meaning.
@@ -33,6 +34,7 @@ class PairGeometry:
     sin_o: Float64Array
     tan2_h: Float64Array
     cos_d: Float64Array
+    sin2_d: Float64Array
     one_minus_rv: Float64Array
     cos_delta_phi: Float64Array
 
@@ -42,7 +44,7 @@ def pair_from_angles(theta_i: Float64Array, theta_o: Float64Array, delta_phi: Fl
 
     With d = theta_i - theta_o, e = |delta_phi| - pi, S = cos_i + cos_o:
     tan^2 theta_h = tan^2(d/2) + 4 (sin_i/S)(sin_o/S) sin^2(e/2), 1 - r.v = 2 sin^2(d/2) + 2 sin_i sin_o sin^2(e/2),
-    cos theta_d = (S/2) sqrt(1 + tan^2 theta_h).
+    cos theta_d = (S/2) sqrt(1 + tan^2 theta_h), sin^2 theta_d = sin^2(d/2) + sin_i sin_o sin^2(delta_phi/2).
 
     All terms are positive, so nothing cancels near the mirror direction; the result is the same bits with
     the directions swapped and does not depend on delta_phi at theta = 0. sin_i + sin_o cos(delta_phi), the
@@ -51,12 +53,15 @@ def pair_from_angles(theta_i: Float64Array, theta_o: Float64Array, delta_phi: Fl
     theta_i = np.minimum(theta_i, HALF_PI)  # float32's pi/2 means pi/2
     theta_o = np.minimum(theta_o, HALF_PI)
     cos_i, cos_o, sin_i, sin_o = np.cos(theta_i), np.cos(theta_o), np.sin(theta_i), np.sin(theta_o)
-    azimuth = np.abs(reduce_delta_phi(delta_phi))
+    to_mirror, to_retro = _azimuths(delta_phi)
     half_d = 0.5 * (theta_i - theta_o)
-    half_e = 0.5 * ((azimuth - PI_HI) - PI_LO)
     total = cos_i + cos_o
-    sin2_e = np.sin(half_e) ** 2
-    tan2_h = np.tan(half_d) ** 2 + 4 * (sin_i / total) * (sin_o / total) * sin2_e
+    with np.errstate(under="ignore"):  # the square of an angle below 1e-154 is 0, as good as any
+        sin2_half_d = np.sin(half_d) ** 2
+        sin2_e = np.sin(0.5 * to_mirror) ** 2
+        tan2_h = np.tan(half_d) ** 2 + 4 * (sin_i / total) * (sin_o / total) * sin2_e
+        sin2_d = sin2_half_d + sin_i * sin_o * np.sin(0.5 * to_retro) ** 2
+        one_minus_rv = 2 * sin2_half_d + 2 * sin_i * sin_o * sin2_e
     return PairGeometry(
         cos_i=cos_i,
         cos_o=cos_o,
@@ -64,35 +69,86 @@ def pair_from_angles(theta_i: Float64Array, theta_o: Float64Array, delta_phi: Fl
         sin_o=sin_o,
         tan2_h=tan2_h,
         cos_d=np.minimum(0.5 * total * np.sqrt(1 + tan2_h), 1.0),  # rounding may pass 1 by an ulp
-        one_minus_rv=2 * np.sin(half_d) ** 2 + 2 * sin_i * sin_o * sin2_e,
-        cos_delta_phi=np.cos(azimuth),
+        sin2_d=sin2_d,
+        one_minus_rv=one_minus_rv,
+        cos_delta_phi=np.cos(to_retro),
     )
+
+
+def _azimuths(delta_phi: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """delta_phi's signed distances to the nearest odd and even multiple of pi, to full relative precision.
+
+    Both are formed from the fmod, which is exact: |delta_phi| rounded into [-pi, pi] first would lose the distance
+    of, say, pi (1 + eps) to pi, and at grazing incidence tan^2 theta_h is that distance over cos theta, squared.
+    """
+    size = np.abs(delta_phi)
+    rest = np.fmod(size, 2 * PI_HI)
+    turns = np.rint((size - rest) / (2 * PI_HI))
+    turns = np.where(turns < 2.0**52, turns, 0.0)  # beyond, neighbouring floats are turns apart: no angle is meant
+    to_mirror = (rest - PI_HI) - (2 * turns + 1) * PI_LO
+    to_retro = np.where(rest <= PI_HI, rest - 2 * turns * PI_LO, (rest - 2 * PI_HI) - (2 * turns + 2) * PI_LO)
+    return to_mirror, to_retro
 
 
 def pair_from_vectors(wi: Float64Array, wo: Float64Array) -> PairGeometry:
-    """Pair geometry from unit vectors (n, 3) with z > 0.
+    """Pair geometry of the directions of vectors (n, 3) with z > 0 that are unit to a few roundings.
 
-    tan^2 theta_h = (H_x^2 + H_y^2)/H_z^2 with H = wi + wo, cos theta_d = |H|/2; 1 - r.v = |r - wo|^2/2 with
-    r = (-wi_x, -wi_y, wi_z). Each is a sum of squares of plain sums.
+    tan^2 theta_h = (H_x^2 + H_y^2)/H_z^2 with H = wi + wo, cos theta_d = |H|/2, sin theta_d = |wi - wo|/2;
+    1 - r.v = |r - wo|^2/2 with r = (-wi_x, -wi_y, wi_z). Each is a sum of squares of plain sums.
+
+    No float vector has length exactly 1. wi/|wi| = wi (1 - a) with a = 1 - 1/|wi| of the order 1e-16; beside the
+    mirror direction H_x and H_y are that small themselves, so `a` is carried and taken off after the sum.
     """
-    h = wi + wo
-    h_xy2 = h[:, 0] ** 2 + h[:, 1] ** 2
-    dz = wi[:, 2] - wo[:, 2]
-    sin_i, sin_o = np.hypot(wi[:, 0], wi[:, 1]), np.hypot(wo[:, 0], wo[:, 1])
-    dot_xy = wi[:, 0] * wo[:, 0] + wi[:, 1] * wo[:, 1]
-    product = sin_i * sin_o
-    # at the pole delta_phi has no meaning and whatever multiplies it is 0
-    cos_delta_phi = np.divide(dot_xy, product, out=np.ones_like(dot_xy), where=product > 0)
-    return PairGeometry(
-        cos_i=wi[:, 2],
-        cos_o=wo[:, 2],
-        sin_i=sin_i,
-        sin_o=sin_o,
-        tan2_h=h_xy2 / h[:, 2] ** 2,
-        cos_d=np.minimum(0.5 * np.sqrt(h_xy2 + h[:, 2] ** 2), 1.0),
-        one_minus_rv=0.5 * (h_xy2 + dz**2),
-        cos_delta_phi=np.clip(cos_delta_phi, -1, 1),
-    )
+    shrink_i, shrink_o = (_excess_length(w)[:, None] for w in (wi, wo))
+    correction_i, correction_o = wi * shrink_i, wo * shrink_o
+    h = (wi + wo) - (correction_i + correction_o)
+    difference = (wi - wo) - (correction_i - correction_o)
+    # A smaller z would overflow 1/z^2; the float64 angle nearest the horizon has cos theta = 6e-17.
+    cos_i, cos_o = (np.maximum(w[:, 2] - c[:, 2], 1e-100) for w, c in ((wi, correction_i), (wo, correction_o)))
+    h_z = cos_i + cos_o
+    h_xy = np.hypot(h[:, 0], h[:, 1])
+    rho_i, rho_o = np.hypot(wi[:, 0], wi[:, 1]), np.hypot(wo[:, 0], wo[:, 1])
+    with np.errstate(under="ignore"):  # squares of components below 1e-154 are 0, as good as any
+        dot_xy = wi[:, 0] * wo[:, 0] + wi[:, 1] * wo[:, 1]
+        product = rho_i * rho_o
+        # at the pole delta_phi has no meaning and whatever multiplies it is 0
+        cos_delta_phi = np.divide(dot_xy, product, out=np.ones_like(dot_xy), where=product > 0)
+        return PairGeometry(
+            cos_i=cos_i,
+            cos_o=cos_o,
+            sin_i=rho_i - rho_i * shrink_i[:, 0],
+            sin_o=rho_o - rho_o * shrink_o[:, 0],
+            tan2_h=(h_xy / h_z) ** 2,
+            cos_d=np.minimum(0.5 * np.hypot(h_xy, h_z), 1.0),
+            sin2_d=0.25 * (difference**2).sum(axis=1),
+            one_minus_rv=0.5 * (h_xy**2 + difference[:, 2] ** 2),
+            cos_delta_phi=np.clip(cos_delta_phi, -1, 1),
+        )
+
+
+def _excess_length(w: Float64Array) -> Float64Array:
+    """a = 1 - 1/|w| of vectors (n, 3) whose length is 1 to rounding, with an absolute error near 1e-32.
+
+    |w|^2 - 1 is summed with the rounding errors of the squares (Dekker 1971, doi:10.1007/BF01397083) and of the
+    sums (Knuth's two-sum) carried along; a = (|w|^2 - 1)/(|w| (|w| + 1)).
+    """
+    with np.errstate(under="ignore"):
+        big = w * 134217729.0  # 2^27 + 1 splits a float64 into two halves of 26 bits
+        high = big - (big - w)
+        low = w - high
+        squares = w * w
+        lost = (((high * high - squares) + 2 * high * low) + low * low).sum(axis=1)
+    total = np.full(w.shape[0], -1.0)
+    for k in (2, 1, 0):
+        term = squares[:, k]
+        new = total + term
+        part = new - total
+        lost += (total - (new - part)) + (term - part)
+        total = new
+    excess = total + lost
+    length = np.sqrt(1 + excess)
+    shrink: Float64Array = excess / (length * (length + 1))
+    return shrink
 
 
 def angles_from_vectors(wi: Float64Array, wo: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:

@@ -87,7 +87,7 @@ class Parameter:
         return self._validate_number(owner, value)
 
     def _validate_number(self, owner: str, value: Any) -> Any:
-        if isinstance(value, (bool, np.bool_, str, bytes, Mapping)):
+        if value is None or isinstance(value, (bool, np.bool_, str, bytes, Mapping)):
             raise self._error(owner, value, "a number")
         try:
             array = np.asarray(value, dtype=np.float64)

@@ -124,7 +124,8 @@ def report(shape: tuple[int, int, int], n: int, rounds: int, library: Any) -> No
     threads = launch.threads()
     times = interleaved(candidates_for(table, angles, out, library, threads), rounds=rounds)
     exact = gold.evaluate(*angles)[:, 0]
-    print(f"\n{shape[0]} x {shape[1]} x {shape[2]}, {table.nbytes / 1e6:.2f} MB, {n:.0e} look-ups, float32, {threads} threads")
+    size = f"{shape[0]} x {shape[1]} x {shape[2]}, {table.nbytes / 1e6:.2f} MB"
+    print(f"\n{size}, {n:.0e} look-ups, float32, {threads} threads")
     print(f"the table itself: L1 = {table.error['l1']:.5f}, every candidate reads the same nodes")
     print("candidate        million/s  (low .. high)    angle_grid is   rms error / mean f (theta < 80 deg)")
     away = (angles[0] < ACCURATE_TO) & (angles[1] < ACCURATE_TO)

@@ -1,0 +1,38 @@
+"""Lambert's perfectly diffuse reflector."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.geometry import PairGeometry
+from brdfcore.models.base import Model, channels_for
+from brdfcore.parameters import Parameter
+
+
+class Lambert(Model):
+    """f = reflectance/pi, 1/sr, for every pair of directions.
+
+    reflectance: the directional-hemispherical reflectance, [0, 1], a number or one per channel.
+    Raises `InputError` outside that range.
+    Source: J. H. Lambert, Photometria, 1760; F. Nicodemus et al., NBS Monograph 160, 1977, doi:10.6028/NBS.MONO.160.
+    """
+
+    name: ClassVar[str] = "lambert"
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("reflectance", "rho", "directional-hemispherical reflectance", 0.5, bounds=(0.0, 1.0)),
+    )
+    SUMMARY: ClassVar[str] = "Perfectly diffuse: the same radiance in every direction."
+    FORMULA: ClassVar[str] = "f = reflectance/pi"
+    REFERENCE: ClassVar[str] = "F. Nicodemus et al., NBS Monograph 160, 1977, doi:10.6028/NBS.MONO.160"
+
+    def __init__(self, **parameters: Any) -> None:
+        super().__init__(**parameters)
+        reflectance = self.parameters["reflectance"]
+        self.channels = channels_for(self.name, reflectance)
+        self._f = np.atleast_1d(np.asarray(reflectance, dtype=np.float64)) / np.pi
+
+    def _value(self, pair: PairGeometry) -> npt.NDArray[np.float64]:
+        return np.broadcast_to(self._f, (pair.cos_i.size, self._f.size))

@@ -1,0 +1,59 @@
+"""The perfect mirror: all of it is a delta, none of it a value."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.errors import InputError
+from brdfcore.geometry import PairGeometry
+from brdfcore.models import fresnel
+from brdfcore.models.base import Model, channels_for
+from brdfcore.models.optical_constants import ior_to_json, parse_ior
+from brdfcore.parameters import Parameter
+
+
+class Mirror(Model):
+    """A smooth surface: `delta_reflectance(theta_i)` is `reflectance`, or Fresnel's for `ior`; `evaluate` is 0.
+
+    reflectance: [0, 1], a number or one per channel; 1 if neither it nor ior is given.
+    ior: see `optical_constants.parse_ior`; exact reflectance, relative to `exterior_ior`.
+    Raises `InputError` if both are given.
+    Source: M. Born and E. Wolf, Principles of Optics, 7th ed., section 1.5, doi:10.1017/CBO9781139644181.
+    """
+
+    name: ClassVar[str] = "mirror"
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("reflectance", "rho", "reflectance at every angle; give it or ior", None, bounds=(0.0, 1.0)),
+        Parameter("ior", "n + ik", "index of refraction of the material; give it or reflectance", None, kind="ior"),
+        Parameter("exterior_ior", "n_e", "index of the medium in front", 1.0, bounds=(1e-3, 1e3)),
+    )
+    SUMMARY: ClassVar[str] = "Perfectly smooth: reflects into the mirror direction only."
+    FORMULA: ClassVar[str] = "delta_reflectance = reflectance, or F(cos theta_i; ior)"
+    REFERENCE: ClassVar[str] = "M. Born and E. Wolf, Principles of Optics, section 1.5, doi:10.1017/CBO9781139644181"
+    has_delta: bool = True
+
+    def __init__(self, **parameters: Any) -> None:
+        super().__init__(**parameters)
+        reflectance, ior = self.parameters["reflectance"], self.parameters["ior"]
+        if reflectance is not None and ior is not None:
+            raise InputError(
+                "bad_parameter",
+                "mirror: reflectance and ior are both given, and each alone says how much is reflected; give one",
+                where="reflectance",
+            )
+        index = None if ior is None else parse_ior(self.name, ior)
+        outside = self.parameters["exterior_ior"]
+        self.metadata["parameters"]["ior"] = ior_to_json(ior)
+        self.channels = channels_for(self.name, reflectance, index, outside if ior is not None else None)
+        self._fresnel = fresnel.make(self.name, "auto", index, outside)
+        self._scale = np.atleast_1d(np.asarray(1.0 if reflectance is None else reflectance, dtype=np.float64))
+
+    def _value(self, pair: PairGeometry) -> npt.NDArray[np.float64]:
+        return np.zeros((pair.cos_i.size, 1))
+
+    def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        values = self._scale * self._fresnel(np.cos(theta_i), np.sin(theta_i) ** 2)
+        return np.array(np.broadcast_to(values, (theta_i.size, len(self.channels))))
