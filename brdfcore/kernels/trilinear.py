@@ -5,23 +5,20 @@ domain (theta outside [0, THETA_MAX], |delta_phi| > 3 pi, NaN); such points get 
 no read leaves the table.
 
 Arguments: theta_i, theta_o, delta_phi (n,) of one float dtype; table float32, flat, C order (n_i, n_o, n_d,
-channels), size below 2^31; out (n, channels) or, for one channel, (n,); scale, a `GridScale` of that dtype.
+channels), size below 2^31; out (n channels,), flat; scale, a `GridScale` of that dtype; steps between nodes of
+theta_i and theta_o, in nodes.
 """
 
 from __future__ import annotations
 
-import sys
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
 from brdfcore.conventions import DELTA_PHI_DIRECT, THETA_MAX, FloatArray
 from brdfcore.kernels.jit import kernel, prange
+from brdfcore.kernels.vectorised import inlined, load, load_pair, store
 
 
 class GridScale(NamedTuple):
@@ -60,114 +57,112 @@ def grid_scale(shape: tuple[int, int, int], bilateral: bool, dtype: npt.DTypeLik
     return GridScale(*(number(v) for v in values))
 
 
-@intrinsic
-def _load_pair(typing_context, array, index):
-    """Two neighbouring float32 as one 64-bit load: half the gathers, and gathers are what a look-up costs."""
+@inlined
+def _place(theta_i, theta_o, delta_phi, scale, bilateral):
+    """Cell and position in it of one pair of directions: inside, i, j, l, u, v, w."""
+    # a comparison with NaN is false, so NaN counts as outside
+    inside = (theta_i >= 0) & (theta_i <= scale.theta_max) & (theta_o >= 0) & (theta_o <= scale.theta_max)
+    inside = inside & (abs(delta_phi) <= scale.delta_phi_max)
+    if bilateral:
+        c = abs(delta_phi)
+        c = c if c <= scale.half_turn else abs(scale.turn - c)
+    else:
+        c = delta_phi - scale.turn * np.floor(delta_phi / scale.turn)
+    x = min(theta_i * scale.per_i, scale.last_i)
+    y = min(theta_o * scale.per_o, scale.last_o)
+    z = min(c * scale.per_d, scale.last_d)
+    zero = np.int32(0)
+    i = min(max(np.int32(x), zero), np.int32(scale.last_i) - np.int32(1))
+    j = min(max(np.int32(y), zero), np.int32(scale.last_o) - np.int32(1))
+    l = min(max(np.int32(z), zero), np.int32(scale.last_d) - np.int32(1))  # noqa: E741
+    return inside, i, j, l, x - np.float32(i), y - np.float32(j), z - np.float32(l)
 
-    def generate(context, builder, signature, args):
-        data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        pointer = cgutils.gep_inbounds(builder, data, args[1])
-        wide = builder.bitcast(pointer, ir.IntType(64).as_pointer())
-        pair = builder.load(wide, align=4, typ=ir.IntType(64))  # neighbours need not be 8-byte aligned
-        low = builder.trunc(pair, ir.IntType(32))
-        high = builder.trunc(builder.lshr(pair, ir.Constant(ir.IntType(64), 32)), ir.IntType(32))
-        if sys.byteorder == "big":
-            low, high = high, low
-        parts = [builder.bitcast(part, ir.FloatType()) for part in (low, high)]
-        return context.make_tuple(builder, signature.return_type, parts)
 
-    return types.UniTuple(types.float32, 2)(array, types.intp), generate
+@inlined
+def _mix(low_0, low_1, high_0, high_1, u, v):
+    """Along theta_o, then along theta_i."""
+    low = low_0 + v * (low_1 - low_0)
+    high = high_0 + v * (high_1 - high_0)
+    return low + u * (high - low)
 
 
 @kernel
 def trilinear_one(theta_i, theta_o, delta_phi, table, out, scale, step_i, step_o, bilateral):
     """One channel; out (n,)."""
-    last_i = np.int32(scale.last_i) - np.int32(1)
-    last_o = np.int32(scale.last_o) - np.int32(1)
-    last_d = np.int32(scale.last_d) - np.int32(1)
-    zero = np.int32(0)
     outside = np.int64(0)
     for k in prange(theta_i.size):
-        a = theta_i[k]
-        b = theta_o[k]
-        c = delta_phi[k]
-        # a comparison with NaN is false, so NaN counts as outside
-        inside = (a >= 0) & (a <= scale.theta_max) & (b >= 0) & (b <= scale.theta_max) & (abs(c) <= scale.delta_phi_max)
+        inside, i, j, l, u, v, w = _place(  # noqa: E741
+            load(theta_i, k), load(theta_o, k), load(delta_phi, k), scale, bilateral
+        )
         outside += np.int64(0) if inside else np.int64(1)
-        if bilateral:
-            c = abs(c)
-            c = c if c <= scale.half_turn else abs(scale.turn - c)
-        else:
-            c = c - scale.turn * np.floor(c / scale.turn)
-        x = min(a * scale.per_i, scale.last_i)
-        y = min(b * scale.per_o, scale.last_o)
-        z = min(c * scale.per_d, scale.last_d)
-        i = min(max(np.int32(x), zero), last_i)
-        j = min(max(np.int32(y), zero), last_o)
-        l = min(max(np.int32(z), zero), last_d)  # noqa: E741
-        u = x - np.float32(i)
-        v = y - np.float32(j)
-        w = z - np.float32(l)
         p = i * step_i + j * step_o + l
-        a0, a1 = _load_pair(table, p)
-        b0, b1 = _load_pair(table, p + step_o)
-        c0, c1 = _load_pair(table, p + step_i)
-        d0, d1 = _load_pair(table, p + step_i + step_o)
-        low_0 = a0 + w * (a1 - a0)
-        low_1 = b0 + w * (b1 - b0)
-        high_0 = c0 + w * (c1 - c0)
-        high_1 = d0 + w * (d1 - d0)
-        low = low_0 + v * (low_1 - low_0)
-        high = high_0 + v * (high_1 - high_0)
-        out[k] = low + u * (high - low)
+        a0, a1 = load_pair(table, p, w)
+        b0, b1 = load_pair(table, p + step_o, w)
+        c0, c1 = load_pair(table, p + step_i, w)
+        d0, d1 = load_pair(table, p + step_i + step_o, w)
+        value = _mix(a0 + w * (a1 - a0), b0 + w * (b1 - b0), c0 + w * (c1 - c0), d0 + w * (d1 - d0), u, v)
+        store(out, k, value)
+    return outside
+
+
+@inlined
+def _three(table, p, w):
+    """Three channels between two nodes: six neighbouring numbers."""
+    r0, g0 = load_pair(table, p, w)
+    b0, r1 = load_pair(table, p + 2, w)
+    g1, b1 = load_pair(table, p + 4, w)
+    return r0 + w * (r1 - r0), g0 + w * (g1 - g0), b0 + w * (b1 - b0)
+
+
+@kernel
+def trilinear_three(theta_i, theta_o, delta_phi, table, out, scale, step_i, step_o, bilateral):
+    """Three channels, stored side by side at each node; out (3 n,)."""
+    outside = np.int64(0)
+    for k in prange(theta_i.size):
+        inside, i, j, l, u, v, w = _place(  # noqa: E741
+            load(theta_i, k), load(theta_o, k), load(delta_phi, k), scale, bilateral
+        )
+        outside += np.int64(0) if inside else np.int64(1)
+        p = (i * step_i + j * step_o + l) * 3
+        r0, g0, b0 = _three(table, p, w)
+        r1, g1, b1 = _three(table, p + 3 * step_o, w)
+        r2, g2, b2 = _three(table, p + 3 * step_i, w)
+        r3, g3, b3 = _three(table, p + 3 * step_i + 3 * step_o, w)
+        store(out, 3 * k, _mix(r0, r1, r2, r3, u, v))
+        store(out, 3 * k + 1, _mix(g0, g1, g2, g3, u, v))
+        store(out, 3 * k + 2, _mix(b0, b1, b2, b3, u, v))
     return outside
 
 
 @kernel
 def trilinear_many(theta_i, theta_o, delta_phi, table, out, scale, step_i, step_o, bilateral):
-    """Any number of channels, stored side by side at each node; out (n, channels)."""
-    channels = np.int32(out.shape[1])
-    last_i = np.int32(scale.last_i) - np.int32(1)
-    last_o = np.int32(scale.last_o) - np.int32(1)
-    last_d = np.int32(scale.last_d) - np.int32(1)
-    zero = np.int32(0)
+    """Any number of channels, stored side by side at each node; out (n channels,)."""
+    channels = out.size // max(theta_i.size, 1)
     outside = np.int64(0)
     for k in prange(theta_i.size):
-        a = theta_i[k]
-        b = theta_o[k]
-        c = delta_phi[k]
-        inside = (a >= 0) & (a <= scale.theta_max) & (b >= 0) & (b <= scale.theta_max) & (abs(c) <= scale.delta_phi_max)
+        inside, i, j, l, u, v, w = _place(  # noqa: E741
+            load(theta_i, k), load(theta_o, k), load(delta_phi, k), scale, bilateral
+        )
         outside += np.int64(0) if inside else np.int64(1)
-        if bilateral:
-            c = abs(c)
-            c = c if c <= scale.half_turn else abs(scale.turn - c)
-        else:
-            c = c - scale.turn * np.floor(c / scale.turn)
-        x = min(a * scale.per_i, scale.last_i)
-        y = min(b * scale.per_o, scale.last_o)
-        z = min(c * scale.per_d, scale.last_d)
-        i = min(max(np.int32(x), zero), last_i)
-        j = min(max(np.int32(y), zero), last_o)
-        l = min(max(np.int32(z), zero), last_d)  # noqa: E741
-        u = x - np.float32(i)
-        v = y - np.float32(j)
-        w = z - np.float32(l)
-        p = (i * step_i + j * step_o + l) * channels
+        first = (i * step_i + j * step_o + l) * channels
         row_o = step_o * channels
         row_i = step_i * channels
         for s in range(channels):
-            q = p + s
-            low_0 = table[q] + w * (table[q + channels] - table[q])
-            q += row_o
-            low_1 = table[q] + w * (table[q + channels] - table[q])
-            q = p + s + row_i
-            high_0 = table[q] + w * (table[q + channels] - table[q])
-            q += row_o
-            high_1 = table[q] + w * (table[q + channels] - table[q])
-            low = low_0 + v * (low_1 - low_0)
-            high = high_0 + v * (high_1 - high_0)
-            out[k, s] = low + u * (high - low)
+            p = first + s
+            low_0 = _along(table, p, channels, w)
+            low_1 = _along(table, p + row_o, channels, w)
+            high_0 = _along(table, p + row_i, channels, w)
+            high_1 = _along(table, p + row_i + row_o, channels, w)
+            store(out, k * channels + s, _mix(low_0, low_1, high_0, high_1, u, v))
     return outside
+
+
+@inlined
+def _along(table, p, channels, w):
+    """One channel between two nodes, in the type of w."""
+    one = w - w + np.float32(1)
+    low = one * load(table, p)
+    return low + w * (one * load(table, p + channels) - low)
 
 
 def trilinear_numpy(
@@ -181,8 +176,8 @@ def trilinear_numpy(
     step_o: Any,
     bilateral: bool,
 ) -> int:
-    """The twin of both kernels, operation by operation."""
-    channels = 1 if out.ndim == 1 else out.shape[1]
+    """The twin of all three kernels, operation by operation."""
+    channels = out.size // max(theta_i.size, 1)
     number = theta_i.dtype.type
     with np.errstate(invalid="ignore", over="ignore"):
         inside = (theta_i >= 0) & (theta_i <= scale.theta_max) & (theta_o >= 0) & (theta_o <= scale.theta_max)
@@ -201,7 +196,7 @@ def trilinear_numpy(
         index.append(np.clip(position.astype(np.int32), 0, np.int32(last) - 1))
     i, j, l = index  # noqa: E741
     u, v, w = ((p - n.astype(np.float32)).astype(number)[:, None] for p, n in ((x, i), (y, j), (z, l)))
-    nodes = table.reshape(-1, channels)
+    nodes = table.reshape(-1, channels).astype(number)
     p = i * np.int64(step_i) + j * np.int64(step_o) + l
 
     def along_delta_phi(at: npt.NDArray[np.int64]) -> FloatArray:

@@ -65,10 +65,9 @@ class AngleGrid(Table):
         self.values = values
         self.delta = delta
         self.has_delta = delta is not None
-        _, n_o, n_d, count = values.shape
+        _, n_o, n_d, _ = values.shape
         self._flat = values.reshape(-1)
         self._steps = (n_o * n_d, n_d)
-        self._one = count == 1
 
     @cached_property
     def _scales(self) -> dict[np.dtype[Any], Any]:
@@ -81,13 +80,13 @@ class AngleGrid(Table):
     def _kernel(self) -> Any:
         from brdfcore.kernels import trilinear
 
-        return trilinear.trilinear_one if self._one else trilinear.trilinear_many
+        special = {1: trilinear.trilinear_one, 3: trilinear.trilinear_three}
+        return special.get(len(self.channels), trilinear.trilinear_many)
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
-        target = out.reshape(-1) if self._one else out
         scale = self._scales[theta_i.dtype]
         outside = self._kernel(
-            theta_i.size, theta_i, theta_o, delta_phi, self._flat, target, scale, *self._steps, self.bilateral
+            theta_i.size, theta_i, theta_o, delta_phi, self._flat, out.reshape(-1), scale, *self._steps, self.bilateral
         )
         return bool(outside == 0)
 

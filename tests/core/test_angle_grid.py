@@ -37,7 +37,7 @@ def test_conforms(channels: int, bilateral: bool, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("bilateral", [True, False])
-@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("channels", [1, 3, 4])
 def test_serial_parallel_and_numpy_twin_agree_to_the_bit(channels: int, bilateral: bool, dtype: type) -> None:
     grid = random_grid(channels, bilateral)
     rng = np.random.default_rng(0)
@@ -48,18 +48,19 @@ def test_serial_parallel_and_numpy_twin_agree_to_the_bit(channels: int, bilatera
     number = np.dtype(dtype)
     arguments = (*angles, grid._flat)
     rest = (trilinear.grid_scale(grid.values.shape[:3], bilateral, number), *grid._steps, bilateral)
-    kernel = trilinear.trilinear_one if channels == 1 else trilinear.trilinear_many
+    kernel = {1: trilinear.trilinear_one, 3: trilinear.trilinear_three, 4: trilinear.trilinear_many}[channels]
     found, counts = [], []
     for run in (kernel.serial, kernel.parallel, trilinear.trilinear_numpy):
-        out = np.zeros(n if channels == 1 else (n, channels), number)
+        out = np.zeros(n * channels, number)
         counts.append(run(*arguments, out, *rest))
         found.append(out)
     assert counts[0] == counts[1] == counts[2] > 0
     inside = (angles[0] >= 0) & (angles[0] <= np.float32(np.pi / 2))
     inside &= (angles[1] >= 0) & (angles[1] <= np.float32(np.pi / 2)) & (np.abs(angles[2]) <= 3 * np.pi)
     assert counts[0] == n - np.count_nonzero(inside)
-    assert np.array_equal(found[0][inside], found[1][inside])
-    assert np.array_equal(found[0][inside], found[2][inside])
+    serial, parallel, twin = (x.reshape(n, channels)[inside] for x in found)
+    assert np.array_equal(serial, parallel)
+    assert np.array_equal(serial, twin)
 
 
 def test_against_an_independent_interpolator() -> None:

@@ -1,0 +1,342 @@
+"""The commands of `brdf` that look at a material: models, info, eval, plot. Those that make one: `cli_make`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import numpy.typing as npt
+import typer
+
+import brdfcore
+from brdfcore import cli_make, cli_source
+from brdfcore.atomic import replacing
+from brdfcore.brdf import Brdf
+from brdfcore.cli_output import as_json, error_lines, facts, line, parameter_lines
+from brdfcore.conventions import ANGLE_NAMES, broadcast_shape
+from brdfcore.errors import InputError
+from brdfcore.registry import FORMATS, MODELS, REPRESENTATIONS, Registry
+from brdfcore.status import Status
+
+
+class Angles(StrEnum):
+    """Unit of the angles on the command line."""
+
+    deg = "deg"
+    rad = "rad"
+
+
+class View(StrEnum):
+    polar = "polar"
+    hemisphere = "hemisphere"
+
+
+class Scale(StrEnum):
+    linear = "linear"
+    log = "log"
+
+
+Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; an error is JSON on stderr.")]
+Source = Annotated[
+    str, typer.Argument(metavar="SOURCE", show_default=False, help="File, or model as NAME:key=value,...")
+]
+Unit = Annotated[Angles, typer.Option("--angles", help="Unit of the angles given and printed.")]
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help: the same on a terminal, in a pipe and in a log
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        line(f"brdf {brdfcore.__version__}")
+        raise typer.Exit
+
+
+@app.callback(
+    help=f"""Reflectance tables with a known error: look at materials, tabulate, evaluate, plot, convert, serve.
+
+{cli_source.GRAMMAR}
+
+Angles are degrees unless --angles rad is given. f_r is in 1/sr, without the cosine; the mirror direction is
+theta_o = theta_i, delta_phi = 180.
+
+Exit codes: 0 done, 1 a file or the machine is in the way, 2 wrong command line or input, 130 interrupted. Errors go to
+stderr; with --json as {{"error": {{"code", "detail", "context"}}}}.
+
+\b
+Examples:
+  brdf models
+  brdf tabulate cook_torrance:roughness=0.2,ior=gold -o gold.h5
+  brdf plot gold.h5 -o gold.svg --scale log
+  brdf serve"""
+)
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an error; anywhere on the line.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command(
+    short_help="List models, table representations and file formats.",
+    help="""List the models; with NAME the details of one.
+
+\b
+Examples:
+  brdf models
+  brdf models cook_torrance
+  brdf models --all --json""",
+)
+def models(
+    name: Annotated[str | None, typer.Argument(help="One model.", show_default=False)] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Also table representations and file formats.")] = False,
+    json: Json = False,
+) -> None:
+    registries = [MODELS, REPRESENTATIONS, FORMATS] if everything else [MODELS]
+    if name is not None:
+        holder = next((r for r in registries if name in r), MODELS)
+        entries = {holder.kind: [_entry(holder, name)]}
+    else:
+        entries = {r.kind: [_entry(r, n) for n in r] for r in registries}
+    if json:
+        as_json({f"{kind}s": [{**e, "parameters": [p.to_json() for p in e["parameters"]]} for e in listed]
+                 for kind, listed in entries.items()})  # fmt: skip
+        return
+    for kind, listed in entries.items():
+        if len(entries) > 1:
+            line(f"{kind.upper()}S", style="bold")
+        for entry in listed:
+            line(entry["name"], style="bold")
+            for key in ("summary", "formula", "extensions", *(["reference"] if name else [])):
+                if entry[key]:
+                    line(f"  {entry[key]}")
+            for text in parameter_lines(entry["parameters"]):
+                line(f"    {text}")
+            line()
+
+
+def _entry(registry: Registry, name: str) -> dict[str, Any]:
+    cls = registry.load(name)
+    extensions = " ".join(getattr(cls, "EXTENSIONS", ()))
+    if extensions:
+        extensions += ", read and written" if getattr(cls, "writable", False) else ", read"
+    return {
+        "name": name,
+        "summary": cls.SUMMARY,
+        "formula": getattr(cls, "FORMULA", ""),
+        "reference": getattr(cls, "REFERENCE", ""),
+        "extensions": extensions,
+        "parameters": cls.PARAMETERS,
+    }
+
+
+@app.command(
+    short_help="Say what a file or model is.",
+    help="""Say what a file or model is: channels, symmetries, size, id, what reading it found and did, measured error.
+
+\b
+Examples:
+  brdf info gold.h5
+  brdf info paint.bsdf --json
+  brdf info cook_torrance:roughness=0.1,ior=gold""",
+)
+def info(source: Source, json: Json = False) -> None:
+    b = cli_source.load(source)
+    described = b.describe()
+    path = Path(source)
+    if source.partition(":")[0] not in MODELS:
+        described["file_bytes"] = path.stat().st_size
+    described["report"] = b.report
+    if json:
+        as_json({"input": source, **described})
+        return
+    error = described.pop("error", None)
+    described["channels"] = b.channels.labels()
+    described.pop("channel_kind")
+    line(source, style="bold")
+    facts({"built from" if k == "source" else k: v for k, v in described.items()})
+    if error is not None:
+        for text in error_lines(error):
+            line(text)
+        for text in error.get("warnings", ()):
+            line(f"warning: {text}")
+
+
+@app.command(
+    name="eval",
+    short_help="Evaluate f_r at given angles.",
+    help="""Evaluate f_r (1/sr, without the cosine) and print it with all its digits.
+
+Lists broadcast: equal lengths, or one value. --input takes a file of three columns theta_i, theta_o, delta_phi
+("-" is stdin) instead. An angle past the horizon or not a number is an error.
+
+\b
+Examples:
+  brdf eval cook_torrance:roughness=0.1,ior=gold --theta-i 30,45 --theta-o 30 --delta-phi 180
+  brdf eval gold.h5 --theta-i 0.5 --theta-o 0.5 --delta-phi 3.14 --angles rad --json
+  brdf eval gold.h5 --input directions.csv --csv > values.csv""",
+)
+def evaluate(
+    source: Source,
+    theta_i: Annotated[str | None, typer.Option(metavar="LIST", help="Polar angles of the light.")] = None,
+    theta_o: Annotated[str | None, typer.Option(metavar="LIST", help="Polar angles of the viewer.")] = None,
+    delta_phi: Annotated[
+        str | None, typer.Option(metavar="LIST", help="phi_o - phi_i; 180 is the mirror side.")
+    ] = None,
+    input: Annotated[str | None, typer.Option(metavar="FILE", help="Three columns of angles; - is stdin.")] = None,
+    angles: Unit = Angles.deg,
+    status: Annotated[bool, typer.Option("--status", help="Also where each value comes from.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Comma-separated values.")] = False,
+    json: Json = False,
+) -> None:
+    unit = angles.value
+    typed = _directions((theta_i, theta_o, delta_phi), input, unit)
+    radians = [cli_source.angle(name, values, unit) for name, values in zip(ANGLE_NAMES, typed)]
+    b = cli_source.load(source)
+    values = b.evaluate(*radians)
+    names = [Status(code).name.lower() for code in b.status(*radians).tolist()] if status else None
+    given = [x.tolist() for x in np.broadcast_arrays(*typed)]
+    if json:
+        answer: dict[str, Any] = {
+            "unit": "1/sr",
+            "angles": unit,
+            "channels": b.channels.to_json(),
+            **dict(zip(ANGLE_NAMES, given)),
+            "values": values.tolist(),
+            "has_delta": b.has_delta,
+        }
+        if names is not None:
+            answer["status"] = names
+        as_json(answer)
+        return
+    print("\n".join(_rows(b, unit, given, values, names, csv)))
+
+
+def _directions(
+    lists: tuple[str | None, str | None, str | None], file: str | None, unit: str
+) -> list[npt.NDArray[np.float64]]:
+    """The three angles as they were given, in their unit, 1-D and broadcastable."""
+    options = [f"--{name.replace('_', '-')}" for name in ANGLE_NAMES]
+    if file is not None:
+        if any(x is not None for x in lists):
+            raise InputError("options_exclude", f"--input already gives {', '.join(options)}: leave them out")
+        return cli_source.read_directions(file, unit)
+    missing = [o for o, x in zip(options, lists) if x is None]
+    if missing:
+        raise InputError(
+            "missing_angles", f"missing {', '.join(missing)}; give all three, or --input FILE", where=missing[0]
+        )
+    arrays = [cli_source.numbers(o, x) for o, x in zip(options, lists) if x is not None]
+    broadcast_shape(ANGLE_NAMES, (arrays[0].shape, arrays[1].shape, arrays[2].shape))
+    return arrays
+
+
+def _rows(
+    b: Brdf, unit: str, given: list[list[float]], values: npt.NDArray[Any], names: list[str] | None, csv: bool
+) -> Iterator[str]:
+    head = [*(f"{n}_{unit}" for n in ANGLE_NAMES), *(f"f_r_{str(c).replace(',', ' ')}" for c in b.channels.labels())]
+    head = [h.replace(" ", "") for h in head] + (["status"] if names else [])
+    table = [[*map(repr, angles), *map(repr, row)] for angles, row in zip(zip(*given), values.tolist())]
+    if names:
+        table = [[*row, name] for row, name in zip(table, names)]
+    if csv:
+        yield from (",".join(row) for row in [head, *table])
+        return
+    widths = [max(len(row[k]) for row in [head, *table]) for k in range(len(head))]
+    yield from ("  ".join(cell.ljust(w) for cell, w in zip(row, widths)).rstrip() for row in [head, *table])
+    if b.has_delta:
+        yield "# a perfect mirror part is not in f_r; see brdf info"
+
+
+@app.command(
+    short_help="Draw f_r as .png or .svg, or write .csv or .json.",
+    help="""Draw f_r as a picture (.png, .svg), or write the numbers behind it (.csv, .json).
+
+"polar" is the plane of incidence, the mirror side to the right; several sources are drawn over each other.
+"hemisphere" shows all viewers for one theta_i. With one source and one theta_i every channel is drawn, otherwise the
+middle one (G of R, G, B) unless --channel names another; the picture says which. An existing picture is replaced.
+
+\b
+Examples:
+  brdf plot cook_torrance:roughness=0.1,ior=gold -o gold.png
+  brdf plot paint.bsdf paint.h5 -o compare.svg --theta-i 45 --scale log
+  brdf plot gold.h5 -o gold.png --view hemisphere --theta-i 60 --scale log""",
+)
+def plot(
+    sources: Annotated[list[str], typer.Argument(metavar="SOURCE...", show_default=False, help="Files or models.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help=".png, .svg, .csv or .json file.", show_default=False)],
+    theta_i: Annotated[str | None, typer.Option(metavar="LIST", help="Light: 0,30,60; hemisphere: one, 30.")] = None,
+    view: Annotated[View, typer.Option(help="Plane of incidence, or all viewers.")] = View.polar,
+    scale: Annotated[Scale, typer.Option(help="Of f_r.")] = Scale.linear,
+    channel: Annotated[str | None, typer.Option(help="Name, wavelength or position.", show_default=False)] = None,
+    title: Annotated[str | None, typer.Option(help="Instead of the sources.", show_default=False)] = None,
+    dpi: Annotated[float, typer.Option(help="Of a .png, 20 to 1200.")] = 150.0,
+    angles: Unit = Angles.deg,
+) -> None:
+    kind = out.suffix.lower().removeprefix(".")
+    if kind not in ("png", "svg", "csv", "json"):
+        raise InputError(
+            "bad_extension", f"{out}: expected a name ending in .png, .svg, .csv or .json", where="--out", got=kind
+        )
+    single = view is View.hemisphere or kind in ("csv", "json")
+    if single and len(sources) > 1:
+        raise InputError("one_source", f"{view.value}, .{kind}: takes one SOURCE, got {len(sources)}", where="SOURCE")
+    unit = angles.value
+    if theta_i is None:
+        lights = np.radians([30.0] if view is View.hemisphere else [0.0, 30.0, 60.0])
+    else:
+        lights = np.asarray(cli_source.angle("theta_i", cli_source.numbers("--theta-i", theta_i), unit))
+    names = [cli_source.label(s) for s in sources]
+    if len(set(names)) < len(names):  # files of one name in several folders
+        names = sources
+    materials = {name: cli_source.load(s) for name, s in zip(names, sources)}
+    with replacing(out) as temporary:
+        temporary.write_bytes(_picture(materials, lights, kind, view, scale, channel, title, dpi, unit))
+    line(str(out))
+
+
+def _picture(
+    materials: dict[str, Brdf],
+    lights: npt.NDArray[np.float64],
+    kind: str,
+    view: View,
+    scale: Scale,
+    channel: str | None,
+    title: str | None,
+    dpi: float,
+    unit: str,
+) -> bytes:
+    from brdfcore import plot as pictures
+
+    name, first = next(iter(materials.items()))
+    if kind in ("csv", "json"):
+        data = pictures.slice(first, lights, view=view.value, channel=channel)
+        if kind == "csv":
+            return str(data.to_csv(unit)).encode()
+        from json import dumps
+
+        return (dumps(data.to_json(unit)) + "\n").encode()
+    options: dict[str, Any] = {"scale": scale.value, "channel": channel, "dpi": dpi}
+    if view is View.hemisphere:
+        figure = pictures.hemisphere(first, lights, title=title or name, **options)
+    elif len(materials) == 1:
+        figure = pictures.polar(first, lights, title=title or name, **options)
+    else:
+        figure = pictures.polar(materials, lights, title=title, **options)
+    rendered: bytes = pictures.render(figure, kind)
+    return rendered
+
+
+cli_make.add_to(app)

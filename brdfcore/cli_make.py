@@ -1,0 +1,240 @@
+"""The commands of `brdf` that make something: tabulate, convert, serve."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from brdfcore import cli_source
+from brdfcore.cli_output import (
+    as_json,
+    bytes_text,
+    error_lines,
+    error_warnings,
+    facts,
+    line,
+    percent,
+    progress_bar,
+    warn,
+)
+from brdfcore.errors import MissingExtraError, StorageError, missing_extra
+
+Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; an error is JSON on stderr.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")]
+
+
+def tabulate(
+    source: Annotated[str, typer.Argument(metavar="SOURCE", show_default=False, help="File, or NAME:key=value,...")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Table file to write, .h5.", show_default=False)],
+    representation: Annotated[str, typer.Option(help="Name from `brdf models --all`, or auto.")] = "auto",
+    shape: Annotated[
+        str | None, typer.Option(metavar="N,N,N", help="Nodes per axis, both ends included.", show_default=False)
+    ] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="L1 to reach, e.g. 0.01: the fastest table that meets it.", show_default=False)
+    ] = None,
+    max_bytes: Annotated[
+        str | None, typer.Option(metavar="BYTES", help="E.g. 4.5MB: the best table within.", show_default=False)
+    ] = None,
+    interpolation: Annotated[str, typer.Option(help="Between nodes; what the representation offers.")] = "linear",
+    negatives: Annotated[str, typer.Option(metavar="[keep|zero]", help="Negative values of the source.")] = "keep",
+    fold: Annotated[
+        str | None,
+        typer.Option(metavar="NAMES", help="bilateral, reciprocal: average over a symmetry.", show_default=False),
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    from brdfcore.build import ToleranceWarning
+    from brdfcore.build import tabulate as build
+
+    _may_write(out, force)
+    nodes = None if shape is None else cli_source.whole_numbers("--shape", shape)
+    limit = None if max_bytes is None else cli_source.byte_count("--max-bytes", max_bytes)
+    folds = None if fold is None else [part.strip() for part in fold.split(",")]
+    b = cli_source.load(source)
+    start = time.perf_counter()
+    with progress_bar() as progress, warnings.catch_warnings():
+        warnings.simplefilter("ignore", ToleranceWarning)  # the table's own warnings say it as well
+        table = build(
+            b,
+            representation,
+            tolerance=tolerance,
+            max_bytes=limit,
+            shape=nodes,
+            interpolation=interpolation,
+            negatives=negatives,
+            fold=folds,
+            progress=progress,
+        )
+    seconds = time.perf_counter() - start
+    table.save(out)
+    shapes = {name: list(a.shape) for name, a in table.to_arrays().items()}
+    if json:
+        found = {
+            "file": str(out),
+            "representation": table.name,
+            "channels": table.channels.to_json(),
+            "shapes": shapes,
+            "nbytes": table.nbytes,
+            "id": table.id,
+            "seconds": seconds,
+            "error": table.error,
+            "report": table.report,
+        }
+        as_json(found)
+        return
+    largest = max(shapes.values(), key=lambda s: _product(s), default=[])
+    line(f"{out}: {table.name}, {' x '.join(map(str, largest))}, {bytes_text(table.nbytes)}, {seconds:.2f} s")
+    line(f"id {table.id}")
+    for text in error_lines(table.error):
+        line(text)
+    facts({"done": table.report.get("done", [])})
+    for text in error_warnings(table.error):
+        warn(text)
+
+
+def convert(
+    source: Annotated[str, typer.Argument(metavar="A", show_default=False, help="SOURCE to read.")],
+    target: Annotated[Path, typer.Argument(metavar="B", show_default=False, help="File to write.")],
+    format: Annotated[
+        str | None, typer.Option(help="Format of B; else its extension tells.", show_default=False)
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    from brdfcore import io
+    from brdfcore.metrics import compare
+
+    _may_write(target, force)
+    b = cli_source.load(source)
+    io.write(b, target, format)
+    again = io.read(target, format)
+    found = compare(b, again)
+    if json:
+        as_json({"file": str(target), "file_bytes": target.stat().st_size, "round_trip": found.to_json()})
+        return
+    line(f"{target}: {bytes_text(target.stat().st_size)}")
+    if found.l1 != found.l1:
+        line("round trip: the source has no regular part to compare")
+    elif found.l1 == 0:
+        line(f"round trip: read back, every one of {found.values:,} values compared is the same")
+    else:
+        line(
+            f"round trip: read back, {percent(found.l1)} ± {percent(found.l1_stderr)} of the energy is misplaced (L1); "
+            f"p99 log ratio {found.log_ratio['p99']:.3g}"
+        )
+    if found.delta:
+        warn(f"the perfect mirror part differs by {found.delta:.3g} in reflectance")
+    facts({"done": again.report.get("done", []), "warnings": again.report.get("warnings", [])})
+
+
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to listen on.", show_default="127.0.0.1")] = None,
+    port: Annotated[int | None, typer.Option(help="Port; 0 takes a free one.", show_default="8000")] = None,
+    data: Annotated[
+        Path | None, typer.Option(help="Folder of the materials, made if absent.", show_default="brdf-data")
+    ] = None,
+    no_starter: Annotated[bool, typer.Option("--no-starter", help="Leave an empty folder empty.")] = False,
+    log_level: Annotated[str | None, typer.Option(help="debug, info, warning or error.", show_default="info")] = None,
+    cache_bytes: Annotated[
+        str | None, typer.Option(metavar="BYTES", help="Tables kept in memory, e.g. 512MiB.", show_default=False)
+    ] = None,
+    max_points: Annotated[int | None, typer.Option(help="Most points of a request.", show_default=False)] = None,
+    max_body_bytes: Annotated[
+        str | None, typer.Option(metavar="BYTES", help="Largest request body, e.g. 64MiB.", show_default=False)
+    ] = None,
+    allowed_hosts: Annotated[
+        str | None, typer.Option(metavar="NAMES", help="Host names to answer to, comma-separated.", show_default=False)
+    ] = None,
+    drain_seconds: Annotated[
+        int | None, typer.Option(help="What running requests get at the end.", show_default=False)
+    ] = None,
+) -> None:
+    # by name: the library does not import the service, and runs without it
+    try:
+        service = import_module("app.main")
+    except ModuleNotFoundError as error:
+        if isinstance(error, MissingExtraError):
+            raise
+        raise missing_extra((error.name or "app").partition(".")[0], "service", "brdf serve") from error
+    code = service.serve(
+        host=host,
+        port=port,
+        data=data,
+        starter=False if no_starter else None,
+        log_level=log_level,
+        cache_bytes=None if cache_bytes is None else cli_source.byte_count("--cache-bytes", cache_bytes),
+        max_points=max_points,
+        max_body_bytes=None if max_body_bytes is None else cli_source.byte_count("--max-body-bytes", max_body_bytes),
+        allowed_hosts=allowed_hosts,
+        drain_seconds=drain_seconds,
+    )
+    raise typer.Exit(int(code or 0))
+
+
+_HELP: dict[Any, str] = {
+    tabulate: """Turn a model or a measured file into a table file, and say how large its error is.
+
+Give --shape, or --tolerance, or --max-bytes, or nothing (tolerance 0.01). The error is measured on random directions,
+none of them a node of the table. An existing file is replaced with --force only.
+
+\b
+Examples:
+  brdf tabulate cook_torrance:roughness=0.2,ior=gold -o gold.h5
+  brdf tabulate paint.bsdf -o paint.h5 --max-bytes 4.5MB
+  brdf tabulate lambert -o white.h5 --representation angle_grid --shape 10,10,19""",
+    convert: """Read A, write it as B in another format, read B again and say what the round trip cost.
+
+An existing file is replaced with --force only.
+
+\b
+Examples:
+  brdf convert paint.bsdf paint.h5
+  brdf convert gold.h5 copy.h5 --force --json""",
+    serve: """Serve a folder of materials over HTTP, with pictures for a browser at the address it prints.
+
+An empty folder is filled with a starter library first. A setting is a flag or a BRDF_* variable (BRDF_DATA_DIR,
+BRDF_PORT, ...); BRDF_API_KEY protects what others can reach. Stop it with Ctrl-C.
+
+\b
+Examples:
+  brdf serve
+  brdf serve --port 0 --data ~/materials
+  brdf serve --host 0.0.0.0 --no-starter --log-level warning""",
+}
+
+
+_SHORT: dict[Any, str] = {
+    tabulate: "Turn a model or a file into a table with a known error.",
+    convert: "Write a material in another format and check the round trip.",
+    serve: "Serve a folder of materials over HTTP.",
+}
+
+
+def add_to(app: typer.Typer) -> None:
+    """Register the commands of this module."""
+    for command, text in _HELP.items():
+        app.command(help=text, short_help=_SHORT[command])(command)
+
+
+def _may_write(path: Path, force: bool) -> None:
+    """Refuse before the work what would fail, or destroy something, after it."""
+    if path.is_dir():
+        raise StorageError("cannot_write", f"{path}: is a folder; name a file in it", where=str(path))
+    if path.exists() and not force:
+        raise StorageError("exists", f"{path}: exists; --force replaces it", where=str(path))
+    if not path.parent.is_dir():
+        raise StorageError("cannot_write", f"{path.parent}: no such folder", where=str(path.parent))
+
+
+def _product(shape: list[int]) -> int:
+    total = 1
+    for n in shape:
+        total *= n
+    return total

@@ -1,0 +1,235 @@
+"""What the shell's arguments mean: a SOURCE, a list of numbers, angles in a unit, a number of bytes."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.brdf import Brdf
+from brdfcore.catalogue import model
+from brdfcore.conventions import ANGLE_NAMES, FloatArray, to_radians
+from brdfcore.errors import FileFormatError, InputError, StorageError
+from brdfcore.registry import MODELS
+
+GRAMMAR = """A SOURCE is a file (a measured file or a table, told apart by its content) or a model with parameters:
+
+\b
+  NAME                              cook_torrance
+  NAME:parameter=value,...          cook_torrance:roughness=0.1,ior=gold
+  a list, one value per channel     lambert:reflectance=[0.8,0.2,0.1]
+  n + ik                            cook_torrance:ior=(0.37,2.82)
+
+A model's name wins over a file of that name: write ./NAME for the file. Quote brackets for the shell."""
+
+_DEEPEST = 8
+_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "ki": 2**10, "mi": 2**20, "gi": 2**30}
+
+
+def load(source: str, format: str | None = None) -> Brdf:
+    """The `Brdf` that a SOURCE names; see `GRAMMAR`."""
+    name, colon, rest = source.partition(":")
+    if format is None and name in MODELS:
+        return model(name, **_parameters(source, rest))
+    path = Path(source)
+    if path.exists():
+        from brdfcore import io
+
+        if path.is_dir():
+            raise StorageError("cannot_open", f"{source}: is a folder, not a file", where=source)
+        return io.read(path, format)
+    if colon and re.fullmatch(r"\w+", name) and "=" in rest:
+        MODELS.load(name)  # raises, with the close names
+    if format is not None or "/" in source or "\\" in source or path.suffix:
+        raise StorageError("cannot_open", f"{source}: no such file", where=source)
+    MODELS.load(source if not colon else name)  # raises, with the close names
+    raise StorageError("cannot_open", f"{source}: no such file or model", where=source)
+
+
+def label(source: str) -> str:
+    """What a picture calls a SOURCE: a model as it was written, a file by its name."""
+    return source if source.partition(":")[0] in MODELS else Path(source).name
+
+
+def _parameters(source: str, text: str) -> dict[str, Any]:
+    kinds = {key: p.kind for p in MODELS.load(source.partition(":")[0]).PARAMETERS for key in (p.name, *p.aliases)}
+    given: dict[str, Any] = {}
+    for item in _split(source, text):
+        key, equals, value = item.partition("=")
+        key = key.strip()
+        if not equals or not key:
+            raise _bad_source(source, f"{item.strip()!r} is no parameter=value")
+        if key in given:
+            raise _bad_source(source, f"{key} is given twice")
+        value = value.strip()
+        literal = kinds.get(key) in ("choice", "text")  # "1" stays text where text is asked for
+        given[key] = value if literal else _value(source, value)
+    return given
+
+
+def _split(source: str, text: str) -> list[str]:
+    """`text` at the commas outside brackets."""
+    parts, depth, start = [], 0, 0
+    for k, character in enumerate(text):
+        depth += (character in "([") - (character in ")]")
+        if depth < 0 or depth > _DEEPEST:
+            raise _bad_source(source, "the brackets don't match")
+        if character == "," and depth == 0:
+            parts.append(text[start:k])
+            start = k + 1
+    if depth:
+        raise _bad_source(source, "the brackets don't match")
+    if text.strip():
+        parts.append(text[start:])
+    return parts
+
+
+def _value(source: str, text: str) -> Any:
+    """A number, complex number, true, false, [list], (n,k) or a name."""
+    text = text.strip()
+    if len(text) >= 2 and text[0] + text[-1] in ("[]", "()"):
+        items = [_value(source, part) for part in _split(source, text[1:-1])]
+        return items if text[0] == "[" else tuple(items)
+    if text in ("true", "false"):
+        return text == "true"
+    for kind in (float, complex):
+        try:
+            return kind(text.replace("i", "j") if kind is complex else text)
+        except ValueError:
+            continue
+    if not text or any(c in text for c in "[]()="):
+        raise _bad_source(source, f"{text!r} is no value")
+    return text
+
+
+def _bad_source(source: str, why: str) -> InputError:
+    return InputError(
+        "bad_source",
+        f"{source}: {why}; expected e.g. cook_torrance:roughness=0.1,ior=gold",
+        where="SOURCE",
+        got=source[:200],
+        expected="NAME:parameter=value,...",
+    )
+
+
+def numbers(name: str, text: str) -> npt.NDArray[np.float64]:
+    """A comma-separated list, 1-D; one number is a list of one."""
+    try:
+        return np.array([float(part) for part in text.split(",")], dtype=np.float64)
+    except ValueError:
+        raise InputError(
+            "not_numbers", f"{name} = {text!r}: expected numbers separated by commas, e.g. 30,45", where=name, got=text
+        ) from None
+
+
+def whole_numbers(name: str, text: str) -> tuple[int, ...]:
+    """A comma-separated list of whole numbers, e.g. a table's shape."""
+    values = numbers(name, text)
+    if not (np.isfinite(values).all() and (values == np.rint(values)).all()):
+        raise InputError("not_numbers", f"{name} = {text!r}: expected whole numbers, e.g. 90,90,180", where=name)
+    return tuple(int(x) for x in values)
+
+
+def byte_count(name: str, text: str) -> int:
+    """Bytes as 4500000, 4.5MB (10**6) or 4.5MiB (2**20)."""
+    found = re.fullmatch(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([kmg]i?)?b?\s*", text, re.IGNORECASE)
+    try:
+        if found is None:
+            raise ValueError
+        amount = float(found[1]) * _UNITS[(found[2] or "").lower()]
+    except ValueError:
+        raise InputError(
+            "bad_bytes", f"{name} = {text!r}: expected bytes, e.g. 4500000, 4.5MB or 4MiB", where=name, got=text
+        ) from None
+    return int(amount)
+
+
+def angle(name: str, values: npt.NDArray[np.float64], unit: str) -> FloatArray:
+    """Angles of the shell in radians, checked in the unit they were typed in.
+
+    A theta past the horizon would be refused later as well, but in radians, which nobody typed.
+    """
+    polar = name != "delta_phi"
+    limit = 90.0 if unit == "deg" else math.pi / 2
+    with np.errstate(invalid="ignore"):
+        bad = ~((values >= 0) & (values <= limit)) if polar else ~np.isfinite(values)
+    if bad.any():
+        first = int(np.flatnonzero(bad)[0])
+        expected = f"0 to {'90' if unit == 'deg' else 'pi/2'}" if polar else "a finite number"
+        raise InputError(
+            "angle_outside",
+            f"{name}[{first}] = {float(values[first])!r} is outside {expected} "
+            f"({'degrees' if unit == 'deg' else 'radians; see --angles'}); {int(bad.sum())} such value(s)",
+            where=name,
+            index=[first],
+            got=str(values[first]),
+            expected=expected,
+        )
+    return to_radians(values) if unit == "deg" else values
+
+
+def read_directions(path: str, unit: str) -> list[npt.NDArray[np.float64]]:
+    """theta_i, theta_o and delta_phi, each (n,), from a file of three columns ("-" is stdin), not converted.
+
+    Columns are separated by commas, semicolons or blanks; # begins a comment. A header naming theta_i, theta_o and
+    delta_phi (perhaps with _deg or _rad) may put them in any order among others; without one there are three.
+    """
+    try:
+        text = sys.stdin.read() if path == "-" else Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise StorageError("cannot_open", f"{path}: {error.strerror or error}", where=path) from error
+    except UnicodeDecodeError as error:
+        raise FileFormatError("not_text", f"{path}: is no text (byte {error.start})", where=path) from error
+    columns: Sequence[int] = (0, 1, 2)
+    rows: list[list[float]] = []
+    width = 3
+    for number, line in enumerate(text.splitlines(), 1):
+        cells = [c.strip().strip('"') for c in re.split(r"[,;]|\s+", line.partition("#")[0].strip())]
+        if cells == [""]:
+            continue
+        if not rows and width == 3 and cells[0][:1].isalpha() and cells[0].lower() not in ("nan", "inf"):
+            columns, width = _header(path, cells, unit), len(cells)
+            continue
+        try:
+            if len(cells) != width:
+                raise ValueError
+            rows.append([float(cells[c]) for c in columns])
+        except ValueError:
+            raise FileFormatError(
+                "bad_row",
+                f"{path}, line {number}: expected {width} numbers, got {line.strip()[:80]!r}",
+                where=path,
+                line=number,
+                got=line.strip()[:80],
+            ) from None
+    if not rows:
+        raise FileFormatError("no_rows", f"{path}: holds no directions", where=path)
+    return list(np.array(rows, dtype=np.float64).T)
+
+
+def _header(path: str, cells: Iterable[str], unit: str) -> list[int]:
+    names = [c.lower() for c in cells]
+    columns = []
+    for wanted in ANGLE_NAMES:
+        found = [k for k, n in enumerate(names) if n in (wanted, f"{wanted}_deg", f"{wanted}_rad")]
+        if len(found) != 1:
+            raise FileFormatError(
+                "bad_header", f"{path}: the header {','.join(names)[:120]!r} has no single column {wanted}", where=path
+            )
+        stated = names[found[0]].removeprefix(wanted).lstrip("_")
+        if stated and stated != unit:
+            raise InputError(
+                "unit_mismatch",
+                f"{path}: the header says {names[found[0]]}; pass --angles {stated}",
+                where="--angles",
+                got=unit,
+                expected=stated,
+            )
+        columns.append(found[0])
+    return columns

@@ -1,0 +1,260 @@
+"""A measured material in the parameterisation it was measured in: half vectors spread by a visible-normal warp.
+
+J. Dupuy, W. Jakob, "An adaptive parameterization for efficient material acquisition and rendering", ACM Trans.
+Graph. 37(6), 2018, DOI 10.1145/3272127.3275059: the sample grid is dense where the material's own distribution of
+visible normals is, so that 32 x 32 samples hold a lobe of any width without a visible error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.brdf import Brdf, Channels
+from brdfcore.conventions import HALF_PI, THETA_MAX, FloatArray
+from brdfcore.errors import FileFormatError, InputError
+from brdfcore.status import Status
+from brdfcore.tables.base import BuildOptions, Progress, Table
+
+Float32Array = npt.NDArray[np.float32]
+
+#: Largest f_r cos(theta_o) of a table: divided by the horizon's cosine, 6e-17, it stays below float32's largest number.
+MAX_VALUE = 1e21
+#: Nodes of theta_i are float32: a last node this close below pi/2 is pi/2.
+_LAST_NODE_SLACK = 4 * 2.0**-23
+
+
+class VndfWarp(Table):
+    """f_r in the adaptive parameterisation of Dupuy and Jakob (2018), isotropic.
+
+    Formula, with h the half vector, phi_h its azimuth from wi, u(theta) = sqrt(2 theta / pi) and
+    u(phi) = (phi + pi) / (2 pi):
+
+        f_r = spectra(s; theta_i) ndf(u(theta_h)) / (4 sigma(u(theta_i)) cos(theta_o))
+
+    s, a point of the unit square, is (u(theta_h), u(phi_h)) mapped through the cumulative density of visible
+    normals at theta_i: across azimuths the marginal, along the polar angle the conditional distribution of the
+    bilinear density, normalised. Tables are bilinear in their own coordinates and linear between theta_i nodes.
+
+    theta_i is the tabulated direction: wi, the light; theta_o is wo, the viewer. (Evaluated by the published
+    renderers with their `wi`, the direction towards the camera, as the tabulated one: measured materials are not
+    reciprocal, so exchanging the two changes values by several percent.) Beyond the first and last theta_i node
+    the nearest slice is continued, `status` says extrapolated; sigma still follows theta_i.
+
+    Horizon: the source states f_r cos(theta_o), which measurements do not bring to 0 at theta_o = pi/2, so f_r
+    grows like 1 / cos(theta_o) and at pi/2 is the finite quotient by cos(pi/2) = 6.1e-17 of float64. The product
+    f_r cos(theta_o) is right everywhere, and that is what light is multiplied with. At theta_i = pi/2 sigma and
+    spectra are their last nodes.
+
+    Arrays (float32 unless said), K nodes of theta_i, N samples an axis, C channels, n_y, n_x nodes of phi_h, theta_h:
+
+        spectra      (K, N, N, C)      1; rows follow phi_h, columns theta_h
+        theta_i      (K,)              radians, ascending
+        theta_index  (G,) int32        slice of uniform steps of theta_i
+        sigma, ndf   (n,)              projected area; distribution of normals, 1/sr
+        warp         (K, n_y, n_x, 2)  density of visible normals, its integral along theta_h
+        rows         (K, n_y, 2)       that integral over the whole row, and its integral along phi_h
+
+    Look-ups run in the type of the angles. Against float64 sums the float32 storage costs 1e-8 (median).
+    """
+
+    name = "vndf_warp"
+    SUMMARY = "the adaptive parameterisation of the RGL material database, exact for its files"
+    _checks_domain = True
+
+    def __init__(self, arrays: Mapping[str, npt.NDArray[Any]], channels: Channels, flags: Mapping[str, bool]) -> None:
+        """`arrays` as listed above; raises `FileFormatError` where they do not fit together."""
+        super().__init__(channels, flags)
+        checked = _checked(arrays, len(channels))
+        self._arrays = checked
+        #: What a file held beside the table, so that it can be written again; not stored, not part of the id.
+        self._auxiliary: dict[str, npt.NDArray[Any]] | None = None
+        names = ("spectra", "theta_i", "theta_index", "sigma", "ndf", "warp", "rows")
+        self._flat = tuple(checked[n].reshape(-1) for n in names)
+        self._last_theta_i = float(checked["theta_i"][-1])
+
+    @classmethod
+    def from_densities(
+        cls,
+        *,
+        theta_i: Float32Array,
+        sigma: Float32Array,
+        ndf: Float32Array,
+        vndf: Float32Array,
+        spectra: Float32Array,
+        channels: Channels,
+        flags: Mapping[str, bool],
+    ) -> Self:
+        """From what a file tabulates: theta_i (K,), sigma (n,), ndf (m,), vndf (K, n_y, n_x), spectra (K, C, N, N).
+
+        The density of visible normals is integrated by the trapezoidal rule, exact for a bilinear density, in
+        float64, and normalised slice by slice. Raises `FileFormatError` (context `field`) as `from_arrays`, and for
+        a slice without any visible normal.
+        """
+        density = vndf.astype(np.float64)
+        along = _integral(density, axis=2)
+        across = _integral(along[:, :, -1], axis=1)
+        total = across[:, -1]
+        if not (total > 0).all():
+            raise _bad("vndf", f"an integral of 0 at theta_i node {int(np.argmin(total))}", "visible normals at each")
+        warp = np.stack([density, along], axis=-1) / total[:, None, None, None]
+        rows = np.stack([along[:, :, -1], across], axis=-1) / total[:, None, None]
+        arrays = {
+            "spectra": np.ascontiguousarray(np.moveaxis(spectra, 1, -1), np.float32),
+            "theta_i": theta_i,
+            "sigma": sigma,
+            "ndf": ndf,
+            "warp": warp.astype(np.float32),
+            "rows": rows.astype(np.float32),
+        }
+        return cls(arrays, channels, flags)
+
+    def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return dict(self._arrays)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        arrays: Mapping[str, npt.NDArray[Any]],
+        attributes: Mapping[str, Any],
+        channels: Channels,
+        flags: Mapping[str, bool],
+    ) -> Self:
+        return cls(arrays, channels, flags)
+
+    @classmethod
+    def can_hold(cls, source: Brdf) -> bool:
+        """Only what already is in this parameterisation: a file of the database, or a table made of one."""
+        return isinstance(source, VndfWarp)
+
+    @classmethod
+    def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
+        """`source` itself as a new table, exactly; negatives="zero" sets negative samples to 0."""
+        if not isinstance(source, VndfWarp):
+            raise InputError(
+                "source_not_held",
+                "vndf_warp holds materials read from RGL files, in their own warp, and nothing else; "
+                "choose another representation",
+                where="representation",
+                got=type(source).__name__,
+                expected="a material read from an RGL file",
+            )
+        if options.shape is not None or options.fold or options.interpolation != "linear":
+            raise InputError(
+                "bad_option",
+                "vndf_warp keeps the file's own nodes: it takes no shape, no fold and no other interpolation",
+                where="shape" if options.shape is not None else "fold" if options.fold else "interpolation",
+            )
+        arrays, flags, done = source.to_arrays(), source.flags, list(source.report.get("done", []))
+        negative = int((arrays["spectra"] < 0).sum())
+        if options.negatives == "zero" and negative:
+            arrays["spectra"] = np.maximum(arrays["spectra"], np.float32(0))
+            flags["non_negative"] = True
+            done.append(f"{negative} negative samples set to zero, as asked")
+        table = cls(arrays, source.channels, flags)
+        table.source, table.report = dict(source.source), {**source.report, "done": done}
+        table.metadata = dict(source.metadata)
+        return table
+
+    @cached_property
+    def _scales(self) -> dict[np.dtype[Any], Any]:
+        from brdfcore.kernels.warp import warp_scale
+
+        a = self._arrays
+        slices, n_y, n_x, _ = a["warp"].shape
+        sizes = (slices, (n_y, n_x), a["spectra"].shape[1], a["sigma"].size, a["ndf"].size, a["theta_index"].size)
+        return {np.dtype(t): warp_scale(*sizes, t) for t in (np.float32, np.float64)}
+
+    @cached_property
+    def _kernel(self) -> Any:
+        from brdfcore.kernels import warp
+
+        return warp.warp_rgb if len(self.channels) == 3 else warp.warp_many
+
+    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        scale = self._scales[theta_i.dtype]
+        # a read-only or unaligned array is another type to the compiler, which would take seconds to make its version
+        angles = [x if x.flags.behaved else x.copy() for x in (theta_i, theta_o, delta_phi)]
+        outside = self._kernel(theta_i.size, *angles, *self._flat, out.reshape(-1), scale)
+        return bool(outside == 0)
+
+    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
+        """Interpolated between the theta_i nodes, extrapolated beyond the first and the last."""
+        first, last = float(self._arrays["theta_i"][0]), self._last_theta_i
+        if last > HALF_PI - _LAST_NODE_SLACK:
+            last = THETA_MAX
+        beyond = (theta_i < first) | (theta_i > last)
+        return np.where(beyond, np.uint8(Status.EXTRAPOLATED), np.uint8(Status.INTERPOLATED))
+
+
+def _integral(density: npt.NDArray[np.float64], axis: int) -> npt.NDArray[np.float64]:
+    """Running trapezoidal integral over [0, 1] along an axis, 0 at its first node."""
+    low, high = (np.take(density, np.arange(density.shape[axis] - 1) + k, axis) for k in (0, 1))
+    steps = np.cumsum(0.5 * (low + high) / (density.shape[axis] - 1), axis=axis)
+    return np.concatenate([np.zeros_like(np.take(steps, [0], axis)), steps], axis=axis)
+
+
+def _bad(field: str, got: str, expected: str) -> FileFormatError:
+    return FileFormatError(
+        "damaged_table",
+        f"{field}: got {got}, expected {expected}",
+        field=field,
+        where=field,
+        got=got,
+        expected=expected,
+    )
+
+
+def _checked(arrays: Mapping[str, npt.NDArray[Any]], channels: int) -> dict[str, npt.NDArray[Any]]:
+    """The arrays, contiguous, with shapes, ranges and `theta_index` checked: no look-up can leave them."""
+    from brdfcore.kernels.warp import theta_index
+
+    dimensions = {"spectra": 4, "theta_i": 1, "sigma": 1, "ndf": 1, "warp": 4, "rows": 3}
+    found: dict[str, npt.NDArray[Any]] = {}
+    for name, ndim in dimensions.items():
+        array = arrays.get(name)
+        if array is None or array.dtype != np.float32 or array.ndim != ndim:
+            got = "nothing" if array is None else f"{array.dtype} with {array.ndim} dimension(s)"
+            raise _bad(name, got, f"float32 with {ndim} dimension(s)")
+        if not np.isfinite(array).all():
+            raise _bad(name, "a value that is not finite", "finite values")
+        found[name] = np.require(array, requirements=("C", "A", "W"))  # one type for the compiler; see _evaluate
+    slices, samples = found["spectra"].shape[:2]
+    n_y, n_x = found["warp"].shape[1:3]
+    shapes = {
+        "theta_i": (slices,),
+        "spectra": (slices, samples, samples, channels),
+        "warp": (slices, n_y, n_x, 2),
+        "rows": (slices, n_y, 2),
+    }
+    for name, shape in shapes.items():
+        if found[name].shape != shape:
+            raise _bad(name, str(found[name].shape), str(shape))
+    sizes = {"theta_i": slices, "spectra": samples, "warp": min(n_y, n_x)}
+    sizes |= {name: found[name].size for name in ("sigma", "ndf")}
+    for name, size in sizes.items():
+        if size < 2:
+            raise _bad(name, f"{size} node(s) along an axis", "at least 2")
+    nodes = found["theta_i"]
+    if not ((np.diff(nodes) > 0).all() and nodes[0] >= 0 and nodes[-1] <= THETA_MAX):
+        raise _bad("theta_i", str(nodes[:8].tolist()), "ascending angles in [0, pi/2]")
+    if not (found["sigma"] > 0).all():
+        raise _bad("sigma", f"{found['sigma'].min()}", "values > 0: it divides")
+    for name in ("ndf", "warp", "rows"):
+        if not (found[name] >= 0).all():
+            raise _bad(name, f"{found[name].min()}", "a density, >= 0")
+    largest = float(np.abs(found["spectra"]).max()) * float(found["ndf"].max()) / (4 * float(found["sigma"].min()))
+    if largest > MAX_VALUE:
+        raise _bad("spectra", f"f_r cos(theta_o) up to {largest:.3g}/sr", f"at most {MAX_VALUE:g}/sr")
+    index = theta_index(nodes)
+    if index is None:
+        raise _bad("theta_i", f"nodes {float(np.diff(nodes).min()):.3g} rad apart", "at least 2.4e-5 rad apart")
+    given = arrays.get("theta_index")
+    if given is not None and not (given.dtype == np.int32 and np.array_equal(given, index)):
+        raise _bad("theta_index", "other slices", "those of theta_i")
+    found["theta_index"] = index
+    return found
