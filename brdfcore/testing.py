@@ -3,7 +3,7 @@
 Each `check_*` raises `AssertionError` with the numbers that disagree. They need nothing but numpy and the entry:
 
     from brdfcore.testing import check_brdf
-    check_brdf(bc.model("my_model"))
+    check_brdf(brdfcore.model("my_model"))
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ from typing import Any
 
 import numpy as np
 
-import brdfcore as bc
+from brdfcore import catalogue
 from brdfcore.brdf import Brdf, Channels
 from brdfcore.conventions import FloatArray
 from brdfcore.directions import mixture
 from brdfcore.errors import BrdfError, FileFormatError, InputError
 from brdfcore.geometry import Float64Array, vectors_from_angles
+from brdfcore.io import read
 from brdfcore.metrics import FLAG_DEFECT, bilateral_defect, reciprocity_defect
 from brdfcore.status import Status
 from brdfcore.tables.base import Table
+from brdfcore.tables.store import open_table
 
 HALF_PI = np.pi / 2
 
@@ -200,7 +202,7 @@ def check_table(table: Table, folder: Path) -> None:
     assert _same(again.evaluate(*angles), values), "from_arrays answers differently"
     path = folder / f"{table.name}.h5"
     table.save(path)
-    opened = bc.open_table(path)
+    opened = open_table(path)
     assert opened.id == table.id
     assert _same(opened.evaluate(*angles), values), "a stored table answers differently"
     assert (opened.flags, opened.channels, opened.error) == (table.flags, table.channels, table.error)
@@ -221,7 +223,7 @@ def check_damage(path: Path, folder: Path, *, reads: int = 64, seed: int = 3) ->
     rng = np.random.default_rng(seed)
     for cut in sorted({0, 1, 7, len(data) - 1, *rng.integers(0, len(data), reads).tolist()}):
         target.write_bytes(data[:cut])
-        error = _error_of(lambda: bc.read(target))
+        error = _error_of(lambda: read(target))
         assert isinstance(error, FileFormatError), f"{path.name} cut to {cut} of {len(data)} bytes: {error!r}"
         assert target.name in error.detail, error.detail
     for _ in range(reads):
@@ -230,24 +232,24 @@ def check_damage(path: Path, folder: Path, *, reads: int = 64, seed: int = 3) ->
             flipped[place] ^= int(rng.integers(1, 256))
         target.write_bytes(flipped)
         with contextlib.suppress(BrdfError):
-            bc.read(target)
+            read(target)
 
 
 def example_models() -> Iterator[tuple[str, Brdf]]:
     """(label, model): every registered model with its defaults, every choice of every parameter, three channels."""
-    for name, parameters in bc.models().items():
-        yield name, bc.model(name)
+    for name, parameters in catalogue.models().items():
+        yield name, catalogue.model(name)
         for parameter in parameters:
             for choice in parameter.choices:
                 try:
-                    yield f"{name}-{parameter.name}={choice}", bc.model(name, **{parameter.name: choice})
+                    yield f"{name}-{parameter.name}={choice}", catalogue.model(name, **{parameter.name: choice})
                 except InputError:
                     continue  # a choice that needs another parameter beside it
             if parameter.kind == "number" and parameter.per_channel and isinstance(parameter.default, float):
                 low, high = (x if np.isfinite(x) else parameter.default for x in parameter.bounds)
                 three = [parameter.default, 0.5 * (parameter.default + low), 0.5 * (parameter.default + high)]
                 try:
-                    yield f"{name}-{parameter.name}-rgb", bc.model(name, **{parameter.name: three})
+                    yield f"{name}-{parameter.name}-rgb", catalogue.model(name, **{parameter.name: three})
                 except InputError:
                     continue
 

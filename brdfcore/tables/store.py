@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-import brdfcore
 from brdfcore.atomic import replacing
 from brdfcore.brdf import Channels
 from brdfcore.errors import FileFormatError, InputError, LimitError, StorageError, missing_extra
 from brdfcore.registry import REPRESENTATIONS
 from brdfcore.tables.base import FLAGS, Table
+from brdfcore.version import __version__
 
 try:
     import h5py
@@ -64,7 +64,7 @@ def save(table: Table, path: str | PathLike[str]) -> None:
         "report": table.report,
         "error": table.error,
         "metadata": table.metadata,
-        "code_version": brdfcore.__version__,
+        "code_version": __version__,
     }
     text = np.frombuffer(json.dumps(header, sort_keys=True, allow_nan=False).encode(), np.uint8)
     with replacing(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:

@@ -113,9 +113,7 @@ def killed_while_saving(folder: str, times: str) -> dict[str, Any]:
     import brdfcore as bc
 
     path = Path(folder) / "kept.h5"
-    tables = [
-        bc.tabulate(bc.model("lambert", reflectance=r), "angle_grid", shape=(40, 40, 40)) for r in (0.25, 0.75)
-    ]
+    tables = [bc.tabulate(bc.model("lambert", reflectance=r), "angle_grid", shape=(40, 40, 40)) for r in (0.25, 0.75)]
     tables[0].save(path)
     ids = {table.id for table in tables}
     rng = np.random.default_rng()

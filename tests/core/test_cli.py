@@ -19,7 +19,9 @@ import pytest
 from PIL import Image
 
 import brdfcore as bc
-from brdfcore import cli, cli_output, cli_source
+from brdfcore import cli
+from brdfcore.cli import arguments as words
+from brdfcore.cli import output
 
 GOLD = "cook_torrance:roughness=0.3,ior=gold"
 Run = Callable[..., tuple[int, str, str]]
@@ -66,7 +68,7 @@ def shell(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     ],
 )
 def test_source_is_the_model(source: str, name: str, parameters: dict[str, Any] | None) -> None:
-    b = cli_source.load(source)
+    b = words.load(source)
     assert b.metadata["model"] == name
     if parameters is not None:
         assert b.describe() == bc.model(name, **parameters).describe()
@@ -107,13 +109,13 @@ def test_bad_sources_explain_themselves(run: Run, source: str, code: str, words:
     [("4500000", 4_500_000), ("4.5MB", 4_500_000), ("4.5 mb", 4_500_000), ("1KiB", 1024), ("2G", 2e9)],
 )
 def test_byte_counts(text: str, count: int) -> None:
-    assert cli_source.byte_count("--max-bytes", text) == count
+    assert words.byte_count("--max-bytes", text) == count
 
 
 @pytest.mark.parametrize("text", ["", "MB", "4zB", "-1", "1.2.3MB"])
 def test_bad_byte_counts(text: str) -> None:
     with pytest.raises(bc.InputError, match="expected bytes"):
-        cli_source.byte_count("--max-bytes", text)
+        words.byte_count("--max-bytes", text)
 
 
 # ---- models, info --------------------------------------------------------------------------------
@@ -275,8 +277,8 @@ def test_tabulate_says_how_good_the_table_is(run: Run, tmp_path: Path) -> None:
     assert code == 0
     assert table.id in text
     assert str(table.nbytes) in text
-    for words in ("of the reflected energy is misplaced", "±", "albedo bias", "p99 log ratio"):
-        assert words in text
+    for phrase in ("of the reflected energy is misplaced", "±", "albedo bias", "p99 log ratio"):
+        assert phrase in text
     assert all(f"warning: {w}" in err for w in table.error["warnings"])
 
 
@@ -371,7 +373,7 @@ def test_plot_several_and_data(run: Run, gold_table: Path, tmp_path: Path) -> No
     assert run("plot", GOLD, "-o", tmp_path / "gold.json", "--angles", "rad", "--theta-i", "0.5")[0] == 0
     data = json.loads((tmp_path / "gold.json").read_text())
     assert data["theta_i"] == [0.5]
-    assert data["values"] == bc.slice(cli_source.load(GOLD), 0.5).values.tolist()
+    assert data["values"] == bc.slice(words.load(GOLD), 0.5).values.tolist()
 
 
 @pytest.mark.parametrize(
@@ -482,7 +484,7 @@ def test_an_unexpected_error_is_a_line_and_a_traceback_on_request(
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("boom")
 
-    monkeypatch.setattr(cli_source, "load", broken)
+    monkeypatch.setattr(words, "load", broken)
     assert cli.main(["info", "lambert"]) == 1
     err = capsys.readouterr().err
     assert "boom" in err
@@ -495,7 +497,7 @@ def test_interrupted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli_source, "load", stopped)
+    monkeypatch.setattr(words, "load", stopped)
     code, out, _ = run("info", "lambert")
     assert (code, out) == (130, "")
 
@@ -569,9 +571,9 @@ def test_errors_in_plain_words() -> None:
         "directions": 200_000,
         "seed": 1,
     }
-    text = "\n".join(cli_output.error_lines(error))
-    for words in ("30 % ± 0.4 %", "-20 % at its worst angle, theta_i = 60 degrees", "factor 2;", "2 of 10", "> 1e130"):
-        assert words in text
-    assert "30 % of the energy" in cli_output.error_warnings(error)[0]
-    assert "none recorded" in next(cli_output.error_lines({}))
-    assert "no regular part" in "\n".join(cli_output.error_lines({"l1": None, "directions": 1, "seed": 1}))
+    text = "\n".join(output.error_lines(error))
+    for phrase in ("30 % ± 0.4 %", "-20 % at its worst angle, theta_i = 60 degrees", "factor 2;", "2 of 10", "> 1e130"):
+        assert phrase in text
+    assert "30 % of the energy" in output.error_warnings(error)[0]
+    assert "none recorded" in next(output.error_lines({}))
+    assert "no regular part" in "\n".join(output.error_lines({"l1": None, "directions": 1, "seed": 1}))

@@ -69,10 +69,11 @@ def test_matches_the_published_evaluation(path: Path, dtype: type, reference: di
     error, size = np.abs(found - expected), np.abs(expected)
     assert np.median(error / size) <= 1e-5
     scaled = error / (size + size.mean())
-    # the largest, 9e-5, lie on the steepest flanks of the sharpest lobes, where the reference's float32 half vector
-    # is the difference: there too this library is within 3e-6 of a float64 evaluation of the definition
+    # The largest, 9e-5 (float32 angles: 2e-4), lie at 76 to 79 degrees within half a degree of the mirror direction of
+    # the two sharpest materials, where the reference's float32 half vector and the rounding of the angles are the
+    # difference: against a float64 evaluation of the definition the values there are right to 3e-6.
     assert scaled.max() <= 1e-3
-    assert np.quantile(scaled, 0.999) <= 1e-4
+    assert np.quantile(scaled, 0.999) <= 2e-4
 
 
 @pytest.mark.parametrize("path", needs_files)

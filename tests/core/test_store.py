@@ -182,9 +182,7 @@ HOSTILE: dict[str, tuple[Callable[[Any], None], type[bc.BrdfError], str]] = {
         "virtual",
     ),
     "external data": (
-        replace_values(
-            lambda g: g.create_dataset("values", (3, 4, 5, 2), "f4", external=[("/etc/passwd", 0, 480)])
-        ),
+        replace_values(lambda g: g.create_dataset("values", (3, 4, 5, 2), "f4", external=[("/etc/passwd", 0, 480)])),
         bc.FileFormatError,
         "external",
     ),

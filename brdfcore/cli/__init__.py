@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    from brdfcore.cli_commands import app
+    from brdfcore.cli.commands import app
 
     try:
         # standalone_mode=False: exceptions come here, exit codes as values

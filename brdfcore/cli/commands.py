@@ -1,4 +1,4 @@
-"""The commands of `brdf` that look at a material: models, info, eval, plot. Those that make one: `cli_make`."""
+"""The commands of `brdf` that look at a material: models, info, eval, plot. Those that make one: `cli.make`."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import numpy.typing as npt
 import typer
 
 import brdfcore
-from brdfcore import cli_make, cli_source
 from brdfcore.atomic import replacing
 from brdfcore.brdf import Brdf
-from brdfcore.cli_output import as_json, error_lines, facts, line, parameter_lines
+from brdfcore.cli import arguments, make
+from brdfcore.cli.output import as_json, error_lines, facts, line, parameter_lines
 from brdfcore.conventions import ANGLE_NAMES, broadcast_shape
 from brdfcore.errors import InputError
 from brdfcore.registry import FORMATS, MODELS, REPRESENTATIONS, Registry
@@ -63,7 +63,7 @@ def _version(wanted: bool) -> None:
 @app.callback(
     help=f"""Reflectance tables with a known error: look at materials, tabulate, evaluate, plot, convert, serve.
 
-{cli_source.GRAMMAR}
+{arguments.GRAMMAR}
 
 Angles are degrees unless --angles rad is given. f_r is in 1/sr, without the cosine; the mirror direction is
 theta_o = theta_i, delta_phi = 180.
@@ -153,7 +153,7 @@ Examples:
   brdf info cook_torrance:roughness=0.1,ior=gold""",
 )
 def info(source: Source, json: Json = False) -> None:
-    b = cli_source.load(source)
+    b = arguments.load(source)
     described = b.describe()
     path = Path(source)
     if source.partition(":")[0] not in MODELS:
@@ -203,8 +203,8 @@ def evaluate(
 ) -> None:
     unit = angles.value
     typed = _directions((theta_i, theta_o, delta_phi), input, unit)
-    radians = [cli_source.angle(name, values, unit) for name, values in zip(ANGLE_NAMES, typed)]
-    b = cli_source.load(source)
+    radians = [arguments.angle(name, values, unit) for name, values in zip(ANGLE_NAMES, typed)]
+    b = arguments.load(source)
     values = b.evaluate(*radians)
     names = [Status(code).name.lower() for code in b.status(*radians).tolist()] if status else None
     given = [x.tolist() for x in np.broadcast_arrays(*typed)]
@@ -232,13 +232,13 @@ def _directions(
     if file is not None:
         if any(x is not None for x in lists):
             raise InputError("options_exclude", f"--input already gives {', '.join(options)}: leave them out")
-        return cli_source.read_directions(file, unit)
+        return arguments.read_directions(file, unit)
     missing = [o for o, x in zip(options, lists) if x is None]
     if missing:
         raise InputError(
             "missing_angles", f"missing {', '.join(missing)}; give all three, or --input FILE", where=missing[0]
         )
-    arrays = [cli_source.numbers(o, x) for o, x in zip(options, lists) if x is not None]
+    arrays = [arguments.numbers(o, x) for o, x in zip(options, lists) if x is not None]
     broadcast_shape(ANGLE_NAMES, (arrays[0].shape, arrays[1].shape, arrays[2].shape))
     return arrays
 
@@ -297,11 +297,11 @@ def plot(
     if theta_i is None:
         lights = np.radians([30.0] if view is View.hemisphere else [0.0, 30.0, 60.0])
     else:
-        lights = np.asarray(cli_source.angle("theta_i", cli_source.numbers("--theta-i", theta_i), unit))
-    names = [cli_source.label(s) for s in sources]
+        lights = np.asarray(arguments.angle("theta_i", arguments.numbers("--theta-i", theta_i), unit))
+    names = [arguments.label(s) for s in sources]
     if len(set(names)) < len(names):  # files of one name in several folders
         names = sources
-    materials = {name: cli_source.load(s) for name, s in zip(names, sources)}
+    materials = {name: arguments.load(s) for name, s in zip(names, sources)}
     with replacing(out) as temporary:
         temporary.write_bytes(_picture(materials, lights, kind, view, scale, channel, title, dpi, unit))
     line(str(out))
@@ -339,4 +339,4 @@ def _picture(
     return rendered
 
 
-cli_make.add_to(app)
+make.add_to(app)

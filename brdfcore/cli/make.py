@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
-from brdfcore import cli_source
-from brdfcore.cli_output import (
+from brdfcore.cli import arguments
+from brdfcore.cli.output import (
     as_json,
     bytes_text,
     error_lines,
@@ -54,10 +54,10 @@ def tabulate(
     from brdfcore.build import tabulate as build
 
     _may_write(out, force)
-    nodes = None if shape is None else cli_source.whole_numbers("--shape", shape)
-    limit = None if max_bytes is None else cli_source.byte_count("--max-bytes", max_bytes)
+    nodes = None if shape is None else arguments.whole_numbers("--shape", shape)
+    limit = None if max_bytes is None else arguments.byte_count("--max-bytes", max_bytes)
     folds = None if fold is None else [part.strip() for part in fold.split(",")]
-    b = cli_source.load(source)
+    b = arguments.load(source)
     start = time.perf_counter()
     with progress_bar() as progress, warnings.catch_warnings():
         warnings.simplefilter("ignore", ToleranceWarning)  # the table's own warnings say it as well
@@ -112,7 +112,7 @@ def convert(
     from brdfcore.metrics import compare
 
     _may_write(target, force)
-    b = cli_source.load(source)
+    b = arguments.load(source)
     io.write(b, target, format)
     again = io.read(target, format)
     found = compare(b, again)
@@ -169,9 +169,9 @@ def serve(
         data=data,
         starter=False if no_starter else None,
         log_level=log_level,
-        cache_bytes=None if cache_bytes is None else cli_source.byte_count("--cache-bytes", cache_bytes),
+        cache_bytes=None if cache_bytes is None else arguments.byte_count("--cache-bytes", cache_bytes),
         max_points=max_points,
-        max_body_bytes=None if max_body_bytes is None else cli_source.byte_count("--max-body-bytes", max_body_bytes),
+        max_body_bytes=None if max_body_bytes is None else arguments.byte_count("--max-body-bytes", max_body_bytes),
         allowed_hosts=allowed_hosts,
         drain_seconds=drain_seconds,
     )

@@ -1,0 +1,127 @@
+"""The application, and `serve`, which `brdf serve` calls."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AbstractContextManager, asynccontextmanager, contextmanager, nullcontext
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import Response
+
+import brdfcore as bc
+from app import openapi, process
+from app.boundary import Boundary
+from app.errors import problem
+from app.library import Library
+from app.routers import health, materials, pages, tables
+from app.settings import Settings
+from app.state import State
+from app.warmup import warm_up
+
+
+def create_app(settings: Settings | None = None, *, warm: bool = True) -> FastAPI:
+    """The application over a data folder.
+
+    settings  default: BRDF_* variables and defaults.
+    warm      compile the kernels in the background as soon as it starts; /health/ready tells when it is done.
+    """
+    settings = settings or Settings.load()
+    state = State(settings, Library(settings.data, settings.cache_bytes))
+
+    def warm_then_ready() -> None:
+        if warm:
+            warm_up(state.library)
+        state.ready = True
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        # a daemon: a service that is told to stop does not wait for the compiler
+        threading.Thread(target=warm_then_ready, name="warm-up", daemon=True).start()
+        yield
+
+    app = FastAPI(
+        docs_url=None,  # the framework's page loads scripts from a server on the internet; pages.py has one of its own
+        redoc_url=None,
+        redirect_slashes=False,
+        lifespan=lifespan,
+        middleware=[Middleware(Boundary, settings=settings)],
+    )
+    app.state.brdf = state
+    for kind in (HTTPException, bc.BrdfError):
+        app.add_exception_handler(kind, _problem)
+    for part in (materials, tables, health, pages):
+        app.include_router(part.router)
+    openapi.install(app)
+    return app
+
+
+async def _problem(request: Request, error: Exception) -> Response:
+    return problem(error, request.scope["brdf.request_id"])
+
+
+def serve(
+    host: str | None = None,
+    port: int | None = None,
+    data: str | PathLike[str] | None = None,
+    starter: bool | None = None,
+    log_level: str | None = None,
+    **flags: Any,
+) -> int:
+    """Serve a data folder until SIGINT or SIGTERM, and return the exit code 0.
+
+    Arguments left None come from the BRDF_* variables, then from the defaults of `Settings`, which lists them all.
+    An empty folder is filled with the starter library first.
+
+    Raises `InputError` for a bad setting, `ListenError` if the port is in use, `StorageError` for a bad data folder.
+    """
+    settings = Settings.load(host=host, port=port, data=data, starter=starter, log_level=log_level, **flags)
+    process.start_logging(settings.log_level)
+    with process.bind(settings) as listener:
+        _fill(settings)
+        process.run(create_app(settings), settings, listener)
+    return 0
+
+
+def _fill(settings: Settings) -> None:
+    """Make the data folder, and the starter library if it is empty and that is wanted."""
+    try:
+        settings.data.mkdir(parents=True, exist_ok=True)
+        empty = not any(settings.data.iterdir())
+    except OSError as error:
+        raise bc.StorageError(
+            "data_folder",
+            f"{settings.data}: cannot be used as the data folder ({error.strerror}); choose another with --data",
+            where="data",
+        ) from error
+    if not (empty and settings.starter):
+        return
+    with _progress(settings.data) as progress:
+        bc.starter_library(settings.data, progress=progress)
+
+
+def _progress(folder: Path) -> AbstractContextManager[Callable[[int, int, str], None] | None]:
+    """A progress bar on a terminal; elsewhere a line, so that a log is not full of bars."""
+    print(f"building the starter library in {folder}", file=sys.stderr, flush=True)
+    return _bar() if sys.stderr.isatty() else nullcontext(None)
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[int, int, str], None]]:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=None)
+
+        def progress(done: int, total: int, stage: str) -> None:
+            bar.update(task, completed=done, total=total, description=stage)
+
+        yield progress

@@ -1,0 +1,122 @@
+"""The server process: its socket, its one line on the terminal, its logs, and how it ends."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import signal
+import socket
+import sys
+from collections.abc import Iterator
+
+import uvicorn
+from starlette.types import ASGIApp
+
+import brdfcore as bc
+from app.settings import Settings
+
+log = logging.getLogger("brdf")
+
+
+class ListenError(bc.StorageError):
+    """The address cannot be listened on; the message says which and what to do."""
+
+
+def bind(settings: Settings) -> socket.socket:
+    """A bound socket, not listening yet: a port in use is noticed before any work is done.
+
+    Raises `ListenError`.
+    """
+    place = f"{settings.host}:{settings.port}"
+    try:
+        found = socket.getaddrinfo(settings.host.strip("[]"), settings.port, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as error:
+        raise _refused(place, "no such host; --host takes an address of this machine") from error
+    # localhost may mean ::1 first; what is printed must work in every client, so IPv4 goes before
+    family, _, _, _, address = min(found, key=lambda f: f[0] != socket.AF_INET)
+    # with its protocol spelt out: asyncio turns Nagle's delay (40 ms an answer) off only where it reads TCP there
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        if sys.platform != "win32":  # there it would let two processes share a port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+    except OSError as error:
+        listener.close()
+        raise _explain(error, place) from error
+    return listener
+
+
+def _explain(error: OSError, place: str) -> ListenError:
+    hints = {
+        errno.EADDRINUSE: "the port is in use; stop the other program, or choose another with --port (0: any free one)",
+        errno.EACCES: "not allowed; ports below 1024 belong to the administrator, choose another with --port",
+        errno.EADDRNOTAVAIL: "no address of this machine; choose another with --host",
+    }
+    return _refused(place, hints.get(error.errno or 0, error.strerror or str(error)))
+
+
+def _refused(place: str, why: str) -> ListenError:
+    return ListenError("cannot_listen", f"cannot listen on {place}: {why}", where=place)
+
+
+def address_of(listener: socket.socket) -> str:
+    """URL of a bound socket, with the port that port 0 became."""
+    host, port = listener.getsockname()[:2]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def start_logging(level: str) -> None:
+    """Logs go to stderr, one line each; stdout keeps the one line that says where the service listens."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    for name in ("brdf", "uvicorn"):
+        logger = logging.getLogger(name)
+        logger.handlers = [handler]
+        logger.propagate = False
+        logger.setLevel(level.upper())
+    # what the server says of its own start and end is said better by our line
+    logging.getLogger("uvicorn.error").setLevel("DEBUG" if level == "debug" else "WARNING")
+
+
+class _Server(uvicorn.Server):
+    """Says where it listens once it does, and returns after SIGTERM instead of dying of it."""
+
+    listening: str = ""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started:
+            print(self.listening, flush=True)
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        # as the base class, which afterwards raises the signal again: a drained service has ended well
+        before = {s: signal.signal(s, self.handle_exit) for s in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def run(app: ASGIApp, settings: Settings, listener: socket.socket) -> None:
+    """Serve until SIGINT or SIGTERM; running requests get `drain_seconds` to finish. Raises `ListenError`."""
+    place = f"{settings.host}:{settings.port}"
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        log_level=None,
+        access_log=settings.log_level in ("debug", "info"),
+        server_header=False,
+        workers=1,
+        lifespan="on",
+        timeout_graceful_shutdown=settings.drain_seconds,
+    )
+    server = _Server(config)
+    shown = " (only this machine can reach it)" if settings.loopback else " (reachable from other machines, read-only)"
+    server.listening = f"listening on {address_of(listener)}{shown}; data: {settings.data}; stop with Ctrl-C"
+    try:
+        server.run(sockets=[listener])
+    except OSError as error:  # another process began to listen between our bind and our listen
+        raise _explain(error, place) from error

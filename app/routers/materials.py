@@ -1,0 +1,128 @@
+"""The list of materials, and everything about one of them by its name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+
+from app.addressing import BY_NAME_ADDRESS, Address
+from app.caching import BY_NAME, etag_of, not_modified
+from app.codecs import to_json
+from app.openapi import answers, parameters, ref
+from app.query import QueryParameter, parse_query, whole_number
+from app.routers.evaluate import evaluate_routes
+from app.routers.slices import slice_routes
+from app.schemas import MaterialLine, MaterialList
+from app.state import state_of
+
+LARGEST_PAGE = 1000
+_MOST = 10**9
+
+PAGING = (
+    QueryParameter(
+        "limit",
+        "most materials in the answer",
+        whole_number(1, LARGEST_PAGE),
+        {"type": "integer", "minimum": 1, "maximum": LARGEST_PAGE},
+        default=100,
+    ),
+    QueryParameter(
+        "offset",
+        "materials to pass over, in order of their names",
+        whole_number(0, _MOST),
+        {"type": "integer", "minimum": 0, "maximum": _MOST},
+        default=0,
+    ),
+)
+
+
+def links(name: str, facts: dict[str, Any]) -> dict[str, str]:
+    """Paths of a material's answers; one that cannot be used has only itself."""
+    by_name = f"/v1/materials/{name}"
+    if "problem" in facts:
+        return {"self": by_name}
+    by_id = f"/v1/tables/{facts['id']}"
+    return {
+        "self": by_name,
+        "page": f"/materials/{name}",
+        "evaluate": f"{by_name}/evaluate",
+        "slice": f"{by_name}/slice.svg?theta_i=30,60",
+        "permanent": by_id,
+        "permanent_slice": f"{by_id}/slice.svg?theta_i=30,60",
+    }
+
+
+def with_links(name: str, facts: dict[str, Any]) -> dict[str, Any]:
+    """One line of the list."""
+    return {**facts, "links": links(name, facts)}
+
+
+def metadata_route(address: Address) -> APIRouter:
+    """The metadata operation under one way of naming a material."""
+    router = APIRouter(tags=[address.label])
+
+    @router.get(
+        address.prefix,
+        summary="what is known of a material",
+        operation_id=f"metadata_{address.label}",
+        responses=answers(
+            {"application/json": {"schema": ref(MaterialLine)}},
+            "channels, bytes, flags, measured error, source",
+            (404, 409, 503),
+            cached=True,
+        ),
+        openapi_extra=parameters((), [address.parameter]),
+    )
+    async def metadata(request: Request) -> Response:
+        parse_query(request.scope["query_string"], ())
+        found = await address.find(request)
+        headers = found.headers(request)
+        body = to_json(with_links(found.material.name, found.material.facts))
+        return found.unchanged(request, headers) or Response(body, 200, headers, media_type="application/json")
+
+    return router
+
+
+def _list_route() -> APIRouter:
+    router = APIRouter(tags=["materials"])
+
+    @router.get(
+        "/v1/materials",
+        summary="the materials, in order of their names",
+        operation_id="materials",
+        responses=answers(
+            {"application/json": {"schema": ref(MaterialList)}}, "a page of the list", (503,), cached=True
+        ),
+        openapi_extra=parameters(PAGING),
+    )
+    async def materials(request: Request) -> Response:
+        library = state_of(request).library
+        asked = parse_query(request.scope["query_string"], PAGING)
+        offset, limit = asked["offset"], asked["limit"]
+        lines, total = await run_in_threadpool(library.page, offset, limit)
+        end = offset + len(lines)
+        body = to_json(
+            {
+                "materials": [with_links(line.name, line.facts) for line in lines],
+                "total": total,
+                "offset": offset,
+                "limit": limit,
+                "next": f"/v1/materials?limit={limit}&offset={end}" if end < total and lines else None,
+                "skipped": library.skipped(),
+            }
+        )
+        etag = etag_of(request, body.decode())
+        headers = {"etag": etag, "cache-control": BY_NAME}
+        return not_modified(request, etag, headers) or Response(body, 200, headers, media_type="application/json")
+
+    return router
+
+
+router = APIRouter()
+router.include_router(_list_route())
+for _part in (metadata_route, evaluate_routes, slice_routes):
+    router.include_router(_part(BY_NAME_ADDRESS))

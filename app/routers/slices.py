@@ -1,0 +1,164 @@
+"""Slices of a material: as a picture (svg, png) and as the numbers behind it (json, csv)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from anyio.to_thread import run_sync
+from fastapi import APIRouter
+from starlette.requests import Request
+from starlette.responses import Response
+
+import brdfcore as bc
+from app.addressing import Address
+from app.codecs import AngleRequest, Array, Unit, check_size, in_radians, in_request_units, to_json
+from app.library import Material
+from app.openapi import answers, parameters, ref
+from app.query import ANGLES, QueryParameter, choice, parse_numbers, parse_query, text
+from app.schemas import SliceAnswer
+from app.security import SVG_POLICY
+from app.settings import Settings
+from app.state import state_of
+
+Format = Literal["svg", "png", "json", "csv"]
+
+MEDIA_TYPES: dict[Format, str] = {
+    "svg": "image/svg+xml",
+    "png": "image/png",
+    "json": "application/json",
+    "csv": "text/csv; charset=utf-8",
+}
+
+THETA_I = QueryParameter(
+    "theta_i", "polar angle(s) of the light; exactly one for the hemisphere", parse_numbers, example="30,60"
+)
+VIEW = QueryParameter(
+    "view",
+    "polar: the plane of incidence, theta_o positive on the mirror side; hemisphere: all directions of the viewer",
+    choice("polar", "hemisphere"),
+    {"type": "string", "enum": ["polar", "hemisphere"]},
+    default="polar",
+)
+SCALE = QueryParameter(
+    "scale",
+    "scale of the values; pictures only",
+    choice("linear", "log"),
+    {"type": "string", "enum": ["linear", "log"]},
+    default="linear",
+)
+CHANNEL = QueryParameter(
+    "channel",
+    "name, wavelength in nm or position of one channel; default: the picture's choice, or all of them as numbers",
+    text(40),
+    {"type": "string", "minLength": 1, "maxLength": 40},
+    default=None,
+)
+#: A picture needs a scale, numbers have none.
+QUERIES: dict[Format, tuple[QueryParameter, ...]] = {
+    "svg": (THETA_I, VIEW, SCALE, CHANNEL, ANGLES),
+    "png": (THETA_I, VIEW, SCALE, CHANNEL, ANGLES),
+    "json": (THETA_I, VIEW, CHANNEL, ANGLES),
+    "csv": (THETA_I, VIEW, CHANNEL, ANGLES),
+}
+
+
+@dataclass(frozen=True)
+class SliceRequest:
+    """What to draw or list."""
+
+    theta_i: Array
+    view: Literal["polar", "hemisphere"]
+    scale: Literal["linear", "log"]
+    channel: str | None
+    angles: Unit
+
+
+def slice_routes(address: Address) -> APIRouter:
+    """The four slice operations under one way of naming a material."""
+    router = APIRouter(tags=[address.label])
+    for format in MEDIA_TYPES:
+        _add(router, address, format)
+    return router
+
+
+def _add(router: APIRouter, address: Address, format: Format) -> None:
+    query = QUERIES[format]
+    media_type = MEDIA_TYPES[format]
+    schema: dict[str, Any] = ref(SliceAnswer) if format == "json" else {"type": "string"}
+    content = {media_type.partition(";")[0]: {"schema": schema}}
+
+    @router.get(
+        f"{address.prefix}/slice.{format}",
+        summary=f"a slice as {format.upper()}",
+        operation_id=f"slice_{format}_{address.label}",
+        responses=answers(content, "the slice", (404, 409, 413, 503), cached=True),
+        openapi_extra=parameters(query, [address.parameter]),
+    )
+    async def slice_get(request: Request) -> Response:
+        state = state_of(request)
+        asked = SliceRequest(**{"scale": "linear", **parse_query(request.scope["query_string"], query)})
+        _check_count(asked, state.settings)
+        found = await address.find(request)
+        headers = found.headers(request)
+        if format == "svg":
+            headers["content-security-policy"] = SVG_POLICY
+        unchanged = found.unchanged(request, headers)
+        if unchanged is not None:
+            return unchanged
+        work = _draw if format in ("svg", "png") else _list
+        body = await run_sync(
+            work, found.material, asked, format, state.settings, limiter=state.drawing, abandon_on_cancel=False
+        )
+        return Response(body, 200, headers, media_type=media_type)
+
+
+def _check_count(asked: SliceRequest, settings: Settings) -> None:
+    if asked.theta_i.size > settings.max_theta_i:
+        raise bc.LimitError(
+            "too_many_slices",
+            f"{asked.theta_i.size} angles of incidence; the limit is {settings.max_theta_i}",
+            where="theta_i",
+            got=asked.theta_i.size,
+            limit=settings.max_theta_i,
+        )
+    if asked.view == "hemisphere" and asked.theta_i.size != 1:
+        raise bc.InputError(
+            "wrong_number",
+            f"theta_i: the hemisphere view takes one angle, got {asked.theta_i.size}",
+            where="theta_i",
+            got=asked.theta_i.size,
+            expected="one angle",
+        )
+
+
+def _draw(material: Material, asked: SliceRequest, format: Format, settings: Settings) -> bytes:
+    brdf, theta_i = material.brdf, in_radians(asked.theta_i, asked.angles)
+    looks: dict[str, Any] = {"scale": asked.scale, "channel": asked.channel, "title": material.name}
+    try:
+        if asked.view == "polar":
+            figure = bc.plot.polar(brdf, np.atleast_1d(theta_i), **looks)
+        else:
+            figure = bc.plot.hemisphere(brdf, float(theta_i.flat[0]), **looks)
+    except bc.InputError as error:
+        raise _explained(error, asked) from error
+    drawn: bytes = bc.plot.render(figure, format)
+    return drawn
+
+
+def _list(material: Material, asked: SliceRequest, format: Format, settings: Settings) -> bytes:
+    theta_i = in_radians(asked.theta_i, asked.angles)
+    try:
+        data = bc.slice(material.brdf, theta_i, view=asked.view, channel=asked.channel)
+    except bc.InputError as error:
+        raise _explained(error, asked) from error
+    check_size(data.values.size, settings)
+    if format == "csv":
+        return str(data.to_csv(asked.angles)).encode()
+    return to_json(data.to_json(asked.angles))
+
+
+def _explained(error: bc.InputError, asked: SliceRequest) -> bc.InputError:
+    zero = np.zeros(())
+    return in_request_units(error, AngleRequest(asked.theta_i, zero, zero, asked.angles))

@@ -1,0 +1,14 @@
+"""Everything about a material by its id: the same answers as by name, for ever."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from app.addressing import BY_ID_ADDRESS
+from app.routers.evaluate import evaluate_routes
+from app.routers.materials import metadata_route
+from app.routers.slices import slice_routes
+
+router = APIRouter()
+for _part in (metadata_route, evaluate_routes, slice_routes):
+    router.include_router(_part(BY_ID_ADDRESS))

@@ -1,0 +1,146 @@
+"""What goes in and out, as types: they make the OpenAPI true and the tests hold every answer to them.
+
+The handlers do not run them: a validator that touches each of a million floats would cost more than the look-ups.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Unit = Literal["deg", "rad"]
+Angle = Annotated[float | list[float], Field(description="a number, or a list of them; lists broadcast as in numpy")]
+
+
+class Strict(BaseModel):
+    """No field beside those listed."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class EvaluateRequest(Strict):
+    """Directions to evaluate at."""
+
+    theta_i: Angle = Field(description="polar angle of the light, from the normal, up to 90 degrees", examples=[30])
+    theta_o: Angle = Field(
+        description="polar angle of the viewer, from the normal, up to 90 degrees", examples=[[0, 30, 60]]
+    )
+    delta_phi: Angle = Field(description="phi_o - phi_i; the mirror direction is at 180 degrees", examples=[180])
+    angles: Unit = Field("deg", description="unit of the angles")
+
+
+class ErrorInShort(Strict):
+    """Measured error of a table. Absent fields: not measured, or nothing to measure because the values are exact."""
+
+    l1: float | None = Field(None, description="misplaced energy, as a fraction of the reflected energy")
+    l1_stderr: float | None = Field(None, description="standard error of l1")
+    warnings: list[str] = Field([], description="sentences for a person, if the table is bad")
+
+
+class EvaluateAnswer(Strict):
+    """f_r at each point, without the cosine."""
+
+    values: list[list[float | None]] = Field(description="values[point][channel]; null where a value is not finite")
+    channels: list[str | float] = Field(description="names of the channels, or their wavelengths in nm")
+    unit: Literal["1/sr"]
+    angles: Unit = Field(description="unit that the angles of the request were read in")
+    id: str = Field(description="digest of everything the values depend on")
+    error: ErrorInShort = Field(description="measured error of the table against its source; empty if there is none")
+    has_delta: bool = Field(description="true if a perfect mirror part exists, which the values leave out")
+
+
+class SliceAnswer(BaseModel):
+    """f_r over a slice; what each array's axes are depends on the view."""
+
+    view: Literal["polar", "hemisphere"]
+    angles: Unit
+    unit: Literal["1/sr"]
+    channels: list[str | float]
+    theta_i: list[float]
+    theta_o: list[Any] = Field(description="polar: [theta_i][direction], signed; hemisphere: [row]")
+    delta_phi: list[Any] = Field(description="polar: [theta_i][direction]; hemisphere: [column]")
+    values: list[list[list[float | None]]] = Field(
+        description="polar: [theta_i][direction][channel]; hemisphere: [row][column][channel]"
+    )
+
+
+class Fault(Strict):
+    """Why a file of the data folder is not used."""
+
+    code: str
+    detail: str
+
+
+class MaterialLine(BaseModel):
+    """One material: either its facts, or `problem`."""
+
+    name: str
+    kind: Literal["table", "model"] | None = None
+    id: str | None = None
+    nbytes: int | None = Field(None, description="bytes a look-up touches; 0 for a model")
+    channels: list[str | float] | None = None
+    error: dict[str, Any] | None = None
+    problem: Fault | None = Field(None, description="present if the file cannot be used")
+    links: dict[str, str] = Field(description="paths of this material's answers")
+
+
+class MaterialList(Strict):
+    """A page of the list."""
+
+    materials: list[MaterialLine]
+    total: int
+    offset: int
+    limit: int
+    next: str | None = Field(description="path of the next page")
+    skipped: list[str] = Field(description="files whose names cannot be addressed, and are therefore not served")
+
+
+class Live(Strict):
+    """The process answers."""
+
+    status: Literal["live"]
+    version: str
+
+
+class Ready(Strict):
+    """The kernels are compiled: no request waits for a compiler."""
+
+    status: Literal["ready"]
+    version: str
+
+
+class ProblemEntry(Strict):
+    """Where and what."""
+
+    where: str | None = Field(None, description="argument, field or header")
+    index: list[int] | None = Field(None, description="position in the list that the request gave")
+    got: Any = Field(None, description="the offending value, cut to 80 characters")
+    expected: Any = None
+    limit: int | None = None
+    hint: str | None = None
+    offset: int | None = Field(None, description="position in the body")
+
+
+class Problem(Strict):
+    """Every failure, after RFC 9457."""
+
+    type: str
+    title: str
+    status: int
+    code: str = Field(description="stable name of the problem")
+    detail: str = Field(description="what, where, expected, what to do")
+    errors: list[ProblemEntry]
+    request_id: str = Field(description="the X-Request-Id of the answer, to be found in the log")
+
+
+SCHEMAS: tuple[type[BaseModel], ...] = (
+    EvaluateRequest,
+    EvaluateAnswer,
+    SliceAnswer,
+    MaterialLine,
+    MaterialList,
+    Live,
+    Ready,
+    Problem,
+)

@@ -1,0 +1,102 @@
+"""Every setting of the service: one field each, given as a flag, as a BRDF_* variable, or left at its default."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+import brdfcore as bc
+
+MB = 1024 * 1024
+
+#: Fields whose variable is not just BRDF_ + the field's name.
+_VARIABLES = {"data": "BRDF_DATA_DIR"}
+
+
+class Settings(BaseModel):
+    """Immutable settings. `Settings.load` merges flags, environment and defaults, in this order of precedence."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    host: str = Field("127.0.0.1", description="address to listen on; anything but loopback is reachable by others")
+    port: int = Field(8000, ge=0, le=65535, description="port to listen on; 0 takes a free one and prints it")
+    data: Path = Field(Path("brdf-data"), description="folder of the materials: NAME.h5 tables and NAME.json models")
+    starter: bool = Field(True, description="fill an empty data folder with the starter library")
+    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="least severity that is logged")
+    cache_bytes: int = Field(512 * MB, ge=0, description="bytes of tables kept loaded; the least recently used go")
+    max_points: int = Field(1_000_000, ge=1, description="most points of one evaluate request")
+    max_values: int = Field(4_000_000, ge=1, description="most values (points x channels) of one JSON answer")
+    max_theta_i: int = Field(16, ge=1, description="most angles of incidence in one slice")
+    max_body_bytes: int = Field(64 * MB, ge=1, description="most bytes of a request body, counted as received")
+    allowed_hosts: tuple[str, ...] = Field(
+        (), description="comma-separated Host names to answer to; empty: loopback names on loopback, any name elsewhere"
+    )
+    drain_seconds: int = Field(10, ge=0, description="seconds that running requests get to finish after SIGTERM")
+
+    @field_validator("allowed_hosts", mode="before")
+    @classmethod
+    def _split(cls, value: Any) -> Any:
+        return tuple(h.strip().lower() for h in value.split(",") if h.strip()) if isinstance(value, str) else value
+
+    @classmethod
+    def load(cls, environment: Mapping[str, str] | None = None, **flags: Any) -> Settings:
+        """Settings from flags (None = not given), then BRDF_* variables, then defaults.
+
+        Raises `InputError` that names the flag or the variable, what it holds and what it may hold.
+        """
+        environment = os.environ if environment is None else environment
+        given = {k: v for k, v in flags.items() if v is not None}
+        for name in cls.model_fields:
+            variable = variable_of(name)
+            # an empty variable counts as unset: that is how compose files and CI switch one off
+            if name not in given and environment.get(variable):
+                given[name] = environment[variable]
+        try:
+            return cls(**given)
+        except ValidationError as error:
+            raise _explain(error, flags) from error
+
+    @property
+    def loopback(self) -> bool:
+        """True if only this machine can reach the service."""
+        if self.host.lower() == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host.strip("[]")).is_loopback
+        except ValueError:
+            return False
+
+
+def variable_of(name: str) -> str:
+    """Environment variable of a setting: "max_points" -> "BRDF_MAX_POINTS"."""
+    return _VARIABLES.get(name, f"BRDF_{name.upper()}")
+
+
+def setting_lines() -> list[tuple[str, str, str]]:
+    """(variable, default, description) of every setting, for `--help` and the documentation."""
+    return [
+        (variable_of(name), _shown(field.default), field.description or "")
+        for name, field in Settings.model_fields.items()
+    ]
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return "1" if value else "0"
+    return ",".join(value) if isinstance(value, tuple) else str(value)
+
+
+def _explain(error: ValidationError, flags: Mapping[str, Any]) -> bc.InputError:
+    first = error.errors(include_url=False)[0]
+    name = str(first["loc"][0])
+    from_flag = flags.get(name) is not None
+    where = f"--{name.replace('_', '-')}" if from_flag else variable_of(name)
+    got = str(first["input"])[:80]
+    return bc.InputError(
+        "bad_setting", f"{where} = {got!r}: {first['msg']}", where=where, got=got, expected=first["msg"]
+    )

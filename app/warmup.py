@@ -1,0 +1,52 @@
+"""Compile every kernel and draw one figure, so that no request waits for a compiler."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+import numpy as np
+
+import brdfcore as bc
+from app.errors import MaterialDamagedError, NotFoundError
+from app.library import Library
+
+log = logging.getLogger("brdf.service")
+
+#: Two sizes: kernels have a version for a few points and one for many.
+_COUNTS = (1, 20_000)
+
+
+def warm_up(library: Library) -> None:
+    """Evaluate one material of each representation and number of channels, and draw one slice."""
+    begun = time.perf_counter()
+    seen: set[tuple[object, ...]] = set()
+    try:
+        lines, _ = library.page(0, 100)
+    except bc.StorageError as error:
+        log.warning("no warm-up: %s", error)
+        return
+    for line in lines:
+        facts = line.facts
+        if not line.usable or _look(facts) in seen:
+            continue
+        seen.add(_look(facts))
+        try:
+            brdf = library.get(line.name).brdf
+            for count in _COUNTS:
+                brdf.evaluate(np.zeros(count), 0.0, 0.0)
+            if len(seen) == 1:  # fonts are looked for at the first figure
+                bc.plot.render(bc.plot.polar(brdf, 0.0), "png")
+        except (NotFoundError, MaterialDamagedError):  # gone since it was listed
+            continue
+        except Exception:
+            # a warm-up that fails costs time later; it is no reason not to serve the other materials
+            log.exception("warm-up of %s failed", line.name)
+    log.info("warm after %.1f s: %d kinds of material", time.perf_counter() - begun, len(seen))
+
+
+def _look(facts: dict[str, object]) -> tuple[object, ...]:
+    """What decides which machine code a material needs."""
+    channels = facts.get("channels")
+    single = isinstance(channels, list) and len(channels) == 1
+    return (facts.get("representation", facts["kind"]), single, facts.get("bilateral"), facts.get("has_delta"))

@@ -1,0 +1,3 @@
+"""The version of the package: part of every stored table and of every ETag."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,144 @@
+"""The pages: every picture and link on them works, they load nothing from elsewhere, and need no script."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+
+from tests.app.conftest import Serve, assert_problem
+
+
+class Page(HTMLParser):
+    """Addresses, ids and text of a page; complains about elements that are not closed."""
+
+    VOID = frozenset({"meta", "link", "img", "input", "br"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.images: list[str] = []
+        self.links: list[str] = []
+        self.assets: list[str] = []
+        self.inline: list[str] = []
+        self.open: list[str] = []
+        self.text: list[str] = []
+        self.feed(text)
+        assert not self.open, f"not closed: {self.open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = {k: v or "" for k, v in attrs}
+        if tag not in self.VOID:
+            self.open.append(tag)
+        if tag == "img":
+            self.images.append(values["src"])
+            assert values["alt"]
+        if tag == "a":
+            self.links.append(values["href"])
+        if tag in ("script", "link"):
+            self.assets.append(values.get("src") or values.get("href", ""))
+        self.inline += [k for k in values if k.startswith("on") or k == "style"]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open, tag
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] == "script":
+            self.inline.append(data)
+        self.text.append(data)
+
+    @property
+    def said(self) -> str:
+        return re.sub(r"\s+", " ", "".join(self.text))
+
+
+def page_of(client: TestClient, path: str) -> Page:
+    answer = client.get(path)
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "text/html; charset=utf-8"
+    policy = answer.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    page = Page(answer.text)
+    assert page.inline == []  # the policy would block it
+    return page
+
+
+@pytest.mark.parametrize("path", ["/", "/materials/red", "/materials/gold", "/materials/mirror", "/docs"])
+def test_every_address_on_a_page_answers(shared_client: TestClient, path: str) -> None:
+    page = page_of(shared_client, path)
+    for address in {*page.images, *page.links, *page.assets}:
+        assert address.startswith("/"), "nothing is loaded from elsewhere"
+        assert shared_client.get(address).status_code == 200, address
+
+
+def test_start_page_shows_every_material(shared_client: TestClient) -> None:
+    page = page_of(shared_client, "/")
+    assert len(page.images) == 4
+    for name in ("gold", "gold-grid", "mirror", "red"):
+        assert any(src.startswith(f"/v1/materials/{name}/slice.svg?") for src in page.images)
+        assert f"/materials/{name}" in page.links
+        assert f"curl -o {name}.png" in page.said
+    assert "4 materials" in page.said
+    assert "none: evaluated exactly" in page.said
+    assert re.search(r"L1 0\.\d+", page.said)
+
+
+def test_start_page_warns_of_a_bad_table(shared_client: TestClient) -> None:
+    warnings = [m["error"].get("warnings", []) for m in shared_client.get("/v1/materials").json()["materials"]]
+    said = page_of(shared_client, "/").said
+    assert sum(map(bool, warnings)) > 0
+    assert said.count("⚠ warning") == sum(map(bool, warnings))
+    for sentence in (w for listed in warnings for w in listed):
+        assert re.sub(r"\s+", " ", sentence) in said
+
+
+def test_start_page_with_damage_and_odd_names(data: Path, client: TestClient) -> None:
+    (data / "torn.h5").write_bytes(b"\x89HDF")
+    (data / "my gold.json").write_text("{}")
+    page = page_of(client, "/")
+    assert "⚠ cannot be used" in page.said
+    assert "my gold.json" in page.said
+    assert not any("torn" in src for src in page.images)
+
+
+def test_start_page_of_an_empty_folder(tmp_path: Path, serve: Serve) -> None:
+    (tmp_path / "empty").mkdir()
+    page = page_of(serve(data=tmp_path / "empty"), "/")
+    assert page.images == []
+    assert "is empty" in page.said
+    assert "0 materials" in page.said
+
+
+def test_start_page_in_pages(data: Path, client: TestClient) -> None:
+    for k in range(30):
+        (data / f"white{k:02}.json").write_text('{"model": "lambert"}')
+    first = page_of(client, "/")
+    assert len(first.images) == 24
+    assert "/?offset=24" in first.links
+    second = page_of(client, "/?offset=24")
+    assert len(second.images) == 10
+    assert "/?offset=0" in second.links
+
+
+def test_material_page_shows_what_is_asked(shared_client: TestClient) -> None:
+    page = page_of(shared_client, "/materials/red?theta_i=45&view=hemisphere&scale=linear&channel=B")
+    assert page.images == ["/v1/materials/red/slice.svg?theta_i=45&view=hemisphere&scale=linear&channel=B"]
+    default = page_of(shared_client, "/materials/red?channel=")
+    assert default.images == ["/v1/materials/red/slice.svg?theta_i=0,30,60&view=polar&scale=log"]
+
+
+def test_material_page_refusals(shared_client: TestClient) -> None:
+    assert_problem(shared_client.get("/materials/golld"), 404, "unknown_material")
+    assert_problem(shared_client.get("/materials/gold?view=sphere"), 422, "bad_choice")
+    assert_problem(shared_client.get("/materials/gold?theta=3"), 422, "unknown_parameter")
+
+
+def test_docs_list_every_operation(shared_client: TestClient) -> None:
+    said = page_of(shared_client, "/docs").said
+    for path, methods in shared_client.get("/openapi.json").json()["paths"].items():
+        for method in methods:
+            assert f"{method.upper()} {path}" in said
