@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import cache
 from html import escape
-from importlib.resources import files
+from pathlib import Path
 from string import Template
+
+_WEB = Path(__file__).with_name("web")
 
 
 class Html(str):
@@ -18,7 +20,7 @@ class Html(str):
 @cache
 def web_file(name: str) -> bytes:
     """A file of app/web, read once: the service needs no other to show its pages."""
-    return files("app").joinpath("web", name).read_bytes()
+    return (_WEB / name).read_bytes()
 
 
 @cache

@@ -182,7 +182,8 @@ class Brdf(ABC):
         angles = conventions.flatten_angles(theta_i, theta_o, delta_phi)
         count = len(self.channels)
         values = conventions.prepare_out(out, (*angles.shape, count), angles.theta_i.dtype)
-        direct = values.flags.c_contiguous
+        # kernels may read an input after writing the result of another point: never where they share memory
+        direct = values.flags.carray and (out is None or not any(np.may_share_memory(out, x) for x in angles[:3]))
         flat = values.reshape(-1, count) if direct else np.empty((angles.theta_i.size, count), values.dtype)
         if not (self._checks_domain and outside == "raise" and self._evaluate(*angles[:3], flat)):
             angles = conventions.check_domain(angles, outside)

@@ -17,8 +17,9 @@ from brdfcore.tables.base import BuildOptions, Progress, Table
 DEFAULT_TOLERANCE = 0.01
 #: L1 above which a table is called bad, unasked: one part in twenty of the light in the wrong place.
 BAD_L1 = 0.05
-#: Albedo error above which the same is said of the energy.
-BAD_ALBEDO = 0.05
+#: Albedo error above which the same is said of the energy, at theta_i up to BAD_ALBEDO_TO degrees: at more grazing
+#: angles nearly every table is off, and next to no light arrives there.
+BAD_ALBEDO, BAD_ALBEDO_TO = 0.05, 80.0
 
 
 class ToleranceWarning(UserWarning):
@@ -196,7 +197,8 @@ def _complaints(error: dict[str, Any]) -> list[str]:
             f"this table misplaces {100 * error['l1']:.0f} % of the reflected energy (L1 = {error['l1']:.3g}): "
             "its cells are wider than the material's lobe; don't render with it"
         )
-    worst = max(zip(error["albedo_bias"]["bias"], error["albedo_bias"]["theta_i"]), key=lambda pair: abs(pair[0]))
+    pairs = zip(error["albedo_bias"]["bias"], error["albedo_bias"]["theta_i"])
+    worst = max((p for p in pairs if math.degrees(p[1]) <= BAD_ALBEDO_TO + 1e-9), key=lambda pair: abs(pair[0]))
     if abs(worst[0]) > BAD_ALBEDO:
         said.append(f"its albedo is off by {100 * worst[0]:+.0f} % at theta_i = {math.degrees(worst[1]):.1f} degrees")
     if error["nan"]:

@@ -108,6 +108,8 @@ def flatten_angles(theta_i: npt.ArrayLike, theta_o: npt.ArrayLike, delta_phi: np
         a, b, c = np.broadcast_to(a, shape), np.broadcast_to(b, shape), np.broadcast_to(c, shape)
     # ascontiguousarray copies only what is strided, of another dtype or not native
     flat = [np.ascontiguousarray(x, dtype=dtype).reshape(-1) for x in (a, b, c)]
+    # a kernel compiled for read-only or unaligned memory would be another version, seconds of compiling: copy instead
+    flat = [x if x.flags.behaved else x.copy() for x in flat]
     return Angles(flat[0], flat[1], flat[2], shape, None)
 
 

@@ -20,8 +20,12 @@ Float64Array = npt.NDArray[np.float64]
 
 #: theta_i of the albedo bias, degrees.
 BIAS_ANGLES = (0.0, 30.0, 60.0, 80.0, 85.0, 89.0, 89.9)
-#: A property of data holds if its L1 defect is below this: rounding of float32 sums.
-FLAG_DEFECT = 1e-6
+#: A symmetry of data holds if its L1 defect is below this. Measured materials that were made symmetric have defects of
+#: 5e-7 to 1.3e-5 left in their tables; ones that are not reciprocal have .02 and more; the errors asked of a table
+#: begin at 1e-3.
+FLAG_DEFECT = 1e-4
+#: An albedo may pass 1 by this much before energy counts as not conserved: quadrature.
+ALBEDO_SLACK = 1e-6
 
 
 @dataclass(frozen=True)
@@ -166,7 +170,7 @@ def measured_flags(brdf: Brdf, *, pairs: int = 4_096, seed: int = 1) -> dict[str
     """bilateral, reciprocal, energy_conserving and non_negative as found on `pairs` seeded pairs.
 
     A symmetry holds if its L1 defect is at most `FLAG_DEFECT`; energy is conserved if no albedo at `BIAS_ANGLES`
-    exceeds 1 by more than it; non-negative means no negative value was met.
+    exceeds 1 by more than `ALBEDO_SLACK`; non-negative means no negative value was met.
     """
     theta_i, theta_o, delta_phi = uniform_pairs(pairs, seed)
     lobe: DirectionSet = mixture(pairs, seed)
@@ -177,6 +181,6 @@ def measured_flags(brdf: Brdf, *, pairs: int = 4_096, seed: int = 1) -> dict[str
     return {
         "bilateral": bilateral_defect(brdf, pairs=pairs, seed=seed) <= FLAG_DEFECT,
         "reciprocal": reciprocity_defect(brdf, pairs=pairs, seed=seed) <= FLAG_DEFECT,
-        "energy_conserving": bool((brdf.albedo(np.radians(BIAS_ANGLES)) <= 1 + FLAG_DEFECT).all()),
+        "energy_conserving": bool((brdf.albedo(np.radians(BIAS_ANGLES)) <= 1 + ALBEDO_SLACK).all()),
         "non_negative": smallest >= 0,
     }

@@ -23,7 +23,7 @@ from brdfcore.directions import mixture
 from brdfcore.errors import BrdfError, FileFormatError, InputError
 from brdfcore.geometry import Float64Array, vectors_from_angles
 from brdfcore.io import read
-from brdfcore.metrics import FLAG_DEFECT, bilateral_defect, reciprocity_defect
+from brdfcore.metrics import ALBEDO_SLACK, FLAG_DEFECT, bilateral_defect, reciprocity_defect
 from brdfcore.status import Status
 from brdfcore.tables.base import Table
 from brdfcore.tables.store import open_table
@@ -100,6 +100,13 @@ def check_scalar_equals_batch(b: Brdf) -> None:
         assert _same(one, values[k]), f"scalar differs from batch at {k}: {one} and {values[k]}"
     back = b.evaluate(theta_i[::-1], theta_o[::-1], delta_phi[::-1])
     assert _same(back[::-1], values), "reversed input gives other bits"
+    shared = np.zeros(values.size)
+    shared[: theta_i.size] = theta_i
+    found = b.evaluate(shared[: theta_i.size], theta_o, delta_phi, out=shared.reshape(values.shape))
+    assert _same(found, values), "an `out` that shares memory with an input gives other values"
+    frozen = theta_i.copy()
+    frozen.flags.writeable = False
+    assert _same(b.evaluate(frozen, theta_o, delta_phi), values), "read-only input differs"
     large = b.evaluate(*(np.tile(x, 200) for x in (theta_i, theta_o, delta_phi)))
     assert _same(large.reshape(200, *values.shape), np.broadcast_to(values, (200, *values.shape))), "batch size matters"
     i32, o32, d32 = (x.astype(np.float32) for x in (theta_i, theta_o, delta_phi))
@@ -184,7 +191,7 @@ def check_claims(b: Brdf) -> None:
     delta = b.delta_reflectance(theta)
     assert albedo.shape == delta.shape == (theta.size, len(b.channels))
     if b.energy_conserving:
-        assert (albedo <= 1 + 1e-6).all(), f"claims energy conservation, albedo {albedo.max()}"
+        assert (albedo <= 1 + ALBEDO_SLACK).all(), f"claims energy conservation, albedo {albedo.max()}"
     assert b.has_delta or not delta.any(), "a delta reflectance without has_delta"
     assert (delta >= 0).all(), delta
     assert (delta <= 1).all(), delta
@@ -222,6 +229,8 @@ def check_damage(path: Path, folder: Path, *, reads: int = 64, seed: int = 3) ->
     target = folder / f"damaged{path.suffix}"
     rng = np.random.default_rng(seed)
     for cut in sorted({0, 1, 7, len(data) - 1, *rng.integers(0, len(data), reads).tolist()}):
+        if data[:cut].strip() == data.strip():
+            continue  # a text that lacks its last line break lacks nothing
         target.write_bytes(data[:cut])
         error = _error_of(lambda: read(target))
         assert isinstance(error, FileFormatError), f"{path.name} cut to {cut} of {len(data)} bytes: {error!r}"

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.core.tensor_files import write_rough_material
+from brdfcore.formats.tensor_file import encode
+from tests.core.rgl_synthetic import fields_of
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -26,7 +27,7 @@ ENVIRONMENT = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A working folder with a measured file to play with."""
-    write_rough_material(tmp_path / "paint.bsdf")
+    (tmp_path / "paint.bsdf").write_bytes(encode(fields_of()))
     return tmp_path
 
 
@@ -74,7 +75,7 @@ def address(tmp_path: Path) -> Iterator[str]:
         pytest.fail("the service ended: " + "".join(said))
     finally:
         server.terminate()
-        server.wait(timeout=20)
+        server.communicate(timeout=20)
 
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")

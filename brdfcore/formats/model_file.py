@@ -12,6 +12,7 @@ from brdfcore.brdf import Brdf
 from brdfcore.catalogue import model
 from brdfcore.errors import BrdfError, FileFormatError, InputError, StorageError
 from brdfcore.formats.base import Format
+from brdfcore.models.base import Model
 from brdfcore.parameters import resolve
 
 #: Far above any parameter list; a larger file is something else.
@@ -74,7 +75,7 @@ class ModelFormat(Format):
         return brdf
 
     def write(self, brdf: Brdf, path: Path) -> None:
-        if "model" not in brdf.metadata:
+        if not isinstance(brdf, Model):  # a table of a model carries its metadata, but answers differently
             raise InputError(
                 "not_a_model",
                 "only an analytic model can be written as a model file; save others as a table",

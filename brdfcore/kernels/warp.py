@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.conventions import DELTA_PHI_DIRECT, HALF_PI, PI_LO, THETA_MAX, FloatArray
-from brdfcore.kernels.jit import kernel, prange
+from brdfcore.kernels.jit import inline, kernel, prange
 from brdfcore.kernels.vectorised import atan, inlined, load, load_pair, sin, store
 
 #: cos of the float64 nearest pi/2, the horizon. float32's pi/2 lies beyond it and means the same direction.
@@ -300,6 +300,10 @@ def warp_rgb(theta_i, theta_o, delta_phi, spectra, theta_nodes, theta_index, sig
     return outside
 
 
+#: Called, not inlined: with the inner loop over channels nothing is vectorised over points, and it compiles once.
+_locate_call = inline(_locate.py_func)
+
+
 @kernel
 def warp_many(theta_i, theta_o, delta_phi, spectra, theta_nodes, theta_index, sigma, ndf, warp, rows, out, scale):
     """Any number of channels C; out (n C,). The inner loop runs along the channels, which lie side by side."""
@@ -309,7 +313,7 @@ def warp_many(theta_i, theta_o, delta_phi, spectra, theta_nodes, theta_index, si
     next_slice = n * next_row
     outside = np.int64(0)
     for p in prange(theta_i.size):
-        inside, k, row, column, w, s, t, factor = _locate(
+        inside, k, row, column, w, s, t, factor = _locate_call(
             load(theta_i, p), load(theta_o, p), load(delta_phi, p),
             theta_nodes, theta_index, sigma, ndf, warp, rows, scale,
         )  # fmt: skip

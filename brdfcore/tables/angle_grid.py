@@ -18,6 +18,7 @@ import numpy.typing as npt
 from brdfcore.brdf import Brdf, Channels
 from brdfcore.conventions import FloatArray
 from brdfcore.errors import FileFormatError, InputError
+from brdfcore.metrics import ALBEDO_SLACK
 from brdfcore.parameters import Parameter
 from brdfcore.status import Status
 from brdfcore.tables.base import BuildOptions, Progress, Table
@@ -62,11 +63,12 @@ class AngleGrid(Table):
         delta: npt.NDArray[np.float64] | None = None,
     ) -> None:
         super().__init__(channels, flags)
-        self.values = values
+        # read-only memory is another type to the compiler, which would take seconds for its version
+        self.values = np.require(values, requirements=("C", "A", "W"))
         self.delta = delta
         self.has_delta = delta is not None
         _, n_o, n_d, _ = values.shape
-        self._flat = values.reshape(-1)
+        self._flat = self.values.reshape(-1)
         self._steps = (n_o * n_d, n_d)
 
     @cached_property
@@ -142,7 +144,7 @@ class AngleGrid(Table):
         table = cls(values, source.channels, flags, delta)
         if flags["energy_conserving"]:  # interpolating a lobe between nodes may add energy: measure, don't inherit
             albedo = table.albedo(np.radians(ENERGY_ANGLES))
-            table.energy_conserving = bool((albedo <= 1 + 1e-6).all())
+            table.energy_conserving = bool((albedo <= 1 + ALBEDO_SLACK).all())
         table.source = dict(getattr(source, "source", {}) or {"name": "", "format": "", "sha256": ""})
         table.report = {**source.report, "done": [*source.report.get("done", []), *done]}
         if negative and options.negatives == "keep":

@@ -177,9 +177,7 @@ class VndfWarp(Table):
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
         scale = self._scales[theta_i.dtype]
-        # a read-only or unaligned array is another type to the compiler, which would take seconds to make its version
-        angles = [x if x.flags.behaved else x.copy() for x in (theta_i, theta_o, delta_phi)]
-        outside = self._kernel(theta_i.size, *angles, *self._flat, out.reshape(-1), scale)
+        outside = self._kernel(theta_i.size, theta_i, theta_o, delta_phi, *self._flat, out.reshape(-1), scale)
         return bool(outside == 0)
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
@@ -222,7 +220,7 @@ def _checked(arrays: Mapping[str, npt.NDArray[Any]], channels: int) -> dict[str,
             raise _bad(name, got, f"float32 with {ndim} dimension(s)")
         if not np.isfinite(array).all():
             raise _bad(name, "a value that is not finite", "finite values")
-        found[name] = np.require(array, requirements=("C", "A", "W"))  # one type for the compiler; see _evaluate
+        found[name] = np.require(array, requirements=("C", "A", "W"))  # as in conventions.flatten_angles
     slices, samples = found["spectra"].shape[:2]
     n_y, n_x = found["warp"].shape[1:3]
     shapes = {

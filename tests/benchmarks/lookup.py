@@ -138,7 +138,7 @@ def report(shape: tuple[int, int, int], n: int, rounds: int, library: Any) -> No
         if name in out:
             off = (out[name][:count] - exact[:count])[away[:count]]
             wrong = f"{np.sqrt(np.mean(off**2)) / scale:.4f}"
-        print(f"{name:15} {rate[0]:10.1f}  ({rate[1]:.0f} .. {rate[2]:.0f})".ljust(46) + f"{faster:16}{wrong}")
+        print(f"{name:15} {rate[0]:10.1f}  ({rate[1]:.0f} .. {rate[2]:.0f})".ljust(46) + f"{faster:26}{wrong}")
     print("cost of one call: " + ", ".join(f"{k} -> {_small(table, angles, k)}" for k in (1, 100, 10_000)))
 
 

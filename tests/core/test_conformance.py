@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import brdfcore as bc
 from brdfcore import testing
+from brdfcore.formats.tensor_file import encode
+from brdfcore.registry import FORMATS, REPRESENTATIONS
+from tests.core.rgl_synthetic import fields_of
 
 MODELS = dict(testing.example_models())
 
@@ -36,3 +40,52 @@ def test_model_file_round_trip(name: str, tmp_path: Path) -> None:
     angles = testing.sample_angles(64)
     assert (again.evaluate(*angles) == source.evaluate(*angles)).all()
     assert (again.delta_reflectance(angles[0]) == source.delta_reflectance(angles[0])).all()
+
+
+@pytest.fixture(scope="module")
+def materials(tmp_path_factory: pytest.TempPathFactory) -> list[bc.Brdf]:
+    """One material of each kind: a model, a table of it, a measured file."""
+    gold = bc.model("cook_torrance", roughness=0.4, ior="gold")
+    measured = tmp_path_factory.mktemp("measured") / "m.bsdf"
+    measured.write_bytes(encode(fields_of()))
+    return [gold, bc.tabulate(gold, "angle_grid", shape=(16, 16, 31)), bc.read(measured)]
+
+
+@pytest.mark.parametrize("name", bc.representations())
+def test_representation(name: str, materials: list[bc.Brdf], tmp_path: Path) -> None:
+    """Built from every material it can hold; a table answers to the same suites as a model."""
+    entry = REPRESENTATIONS.load(name)
+    assert entry.SUMMARY
+    held = [m for m in materials if entry.can_hold(m)]
+    assert held, f"no example material for {name}: add one to the fixture"
+    for source in held:
+        table = bc.tabulate(source, name)
+        assert table.name == name
+        testing.check_brdf(table)
+        testing.check_table(table, tmp_path)
+
+
+@pytest.mark.parametrize("name", bc.formats())
+def test_format(name: str, materials: list[bc.Brdf], tmp_path: Path) -> None:
+    """What it writes it knows again, reads to the same bits, writes to the same bytes, and refuses when damaged."""
+    entry = FORMATS.load(name)()
+    assert entry.SUMMARY
+    if not entry.writable:
+        pytest.skip(f"format {name!r} is read only")
+    written = 0
+    for source in materials:
+        path, again = (tmp_path / f"{stem}{entry.EXTENSIONS[0]}" for stem in ("one", "two"))
+        try:
+            bc.write(source, path, format=name)
+        except bc.InputError:  # not a kind of material that this format holds
+            continue
+        written += 1
+        assert bc.sniff(path) == name
+        back = bc.read(path)
+        angles = testing.sample_angles(100)
+        assert np.array_equal(back.evaluate(*angles), source.evaluate(*angles))
+        assert back.channels == source.channels
+        bc.write(back, again, format=name)
+        assert again.read_bytes() == path.read_bytes()
+        testing.check_damage(path, tmp_path)
+    assert written, f"no example material for format {name!r}: add one to the fixture"
