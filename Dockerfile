@@ -1,13 +1,15 @@
 # docker build -t brdf .
 # docker run --rm -p 127.0.0.1:8000:8000 -v brdf-data:/data brdf
 #
-# The service has no writing routes and no keys: whoever reaches the port may look values up. The line above
-# publishes it to this machine only; leave out "127.0.0.1:" to publish it to the network.
+# Read-only: whoever reaches the port may look values up, nobody may store or delete. To allow that to those who know a
+# key, add: -e BRDF_API_KEY=... The line above publishes the port to this machine only; leave out "127.0.0.1:" to publish
+# it to the network.
 
 FROM python:3.12-slim
 
 # numba reads the machine it runs on and compiles for it, so kernels are not compiled here: a cache made on the
-# builder would be ignored on another processor. They are compiled at the first start (seconds) and kept in the volume.
+# builder would be ignored on another processor. They are compiled at every start before /health/ready says yes: seconds
+# the first time, and read from the volume after that.
 ENV PYTHONUNBUFFERED=1 \
     PYTHONDONTWRITEBYTECODE=1 \
     PIP_NO_CACHE_DIR=1 \

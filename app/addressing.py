@@ -22,14 +22,18 @@ class Addressed:
     material: Material
     by_id: bool
 
-    def headers(self, request: Request) -> dict[str, str]:
-        """ETag and caching headers of a GET answer; a name's answer also says where it stays for ever."""
+    def headers(self, request: Request, *kind: str) -> dict[str, str]:
+        """ETag and caching headers of a GET answer; a name's answer also says where it stays for ever.
+
+        kind  what tells this answer from others at the same address: the media type that was asked for.
+        """
+        etag = etag_of(request, self.material.tag, *kind)
         if self.by_id:
-            return {"etag": etag_of(request, self.material.tag), "cache-control": BY_ID}
+            return {"etag": etag, "cache-control": BY_ID}
         rest = "".join(f"/{part}" for part in request.scope["path"].split("/")[4:])  # after /v1/materials/NAME
-        query = f"?{request.url.query}" if request.url.query else ""
+        query = f"?{given.decode('latin-1')}" if (given := request.scope["query_string"]) else ""
         return {
-            "etag": etag_of(request, self.material.tag),
+            "etag": etag,
             "cache-control": BY_NAME,
             "content-location": f"/v1/tables/{self.material.id}{rest}{query}",
         }

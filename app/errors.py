@@ -38,6 +38,34 @@ class ForeignHostError(bc.BrdfError):
     """The Host header names a machine that this service is not."""
 
 
+class KeyNeededError(bc.BrdfError):
+    """Writing takes a key that the request does not show."""
+
+
+class ForbiddenError(bc.BrdfError):
+    """Writing is not for this caller: the service is read-only, or a page from elsewhere asks."""
+
+
+class NotAcceptableError(bc.BrdfError):
+    """No type that the Accept header takes is offered."""
+
+
+class SlowBodyError(bc.BrdfError):
+    """The body did not arrive in time."""
+
+
+class ConflictError(bc.BrdfError):
+    """The material exists, and the request does not say that it may be replaced."""
+
+
+class PreconditionError(bc.BrdfError):
+    """If-Match or If-None-Match speaks of another state than the present one."""
+
+
+class BusyError(bc.BrdfError):
+    """As many jobs wait as may."""
+
+
 class NotReadyError(bc.BrdfError):
     """The service is still warming up."""
 
@@ -45,8 +73,14 @@ class NotReadyError(bc.BrdfError):
 #: The one table. The most derived class in it that an exception is an instance of gives the status.
 STATUS: dict[type[Exception], int] = {
     MalformedBodyError: 400,
+    KeyNeededError: 401,
+    ForbiddenError: 403,
     NotFoundError: 404,
+    NotAcceptableError: 406,
+    SlowBodyError: 408,
+    ConflictError: 409,
     MaterialDamagedError: 409,
+    PreconditionError: 412,
     bc.LimitError: 413,
     MediaTypeError: 415,
     ForeignHostError: 421,
@@ -55,6 +89,7 @@ STATUS: dict[type[Exception], int] = {
     bc.UnknownNameError: 422,
     bc.BrdfError: 422,
     bc.MissingExtraError: 501,
+    BusyError: 503,
     NotReadyError: 503,
     bc.StorageError: 503,
     Exception: 500,
@@ -85,6 +120,10 @@ def problem(error: Exception, request_id: str) -> Response:
         code, detail, errors = error.code, error.detail, _entries(error.context)
         if "retry_after" in error.context:
             headers["retry-after"] = str(error.context["retry_after"])
+        if isinstance(error, KeyNeededError):
+            headers["www-authenticate"] = 'Bearer realm="brdf"'
+        if error.context.get("rest_unread"):
+            headers["connection"] = "close"  # or the server would go on receiving what nobody reads
     elif isinstance(error, HTTPException):
         code, detail = _ROUTER.get(status, (f"http_{status}", str(error.detail)))
         errors = []

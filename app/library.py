@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import hashlib
 import json
@@ -11,7 +12,7 @@ import re
 import stat
 import threading
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -42,6 +43,8 @@ class Material:
     nbytes: int
     facts: dict[str, Any]
     tag: str
+    #: Pieces of answers that are the same for every request, made when first needed.
+    parts: dict[str, bytes] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,9 @@ class Library:
 
     def __init__(self, folder: Path, cache_bytes: int) -> None:
         self.folder = folder
+        self._prefix = f"{folder}{os.sep}"
+        #: Requests whose material was loaded already, and those that had to read its file.
+        self.hits = self.misses = 0
         self._loaded: ByteLru[str, tuple[Stamp, Material]] = ByteLru(cache_bytes)
         self._known: dict[str, _Known] = {}
         self._names_of: dict[str, str] = {}  # id -> name
@@ -81,6 +87,11 @@ class Library:
         """Bytes of the tables held at the moment."""
         return self._loaded.nbytes
 
+    @property
+    def loaded(self) -> int:
+        """Number of the materials held at the moment."""
+        return len(self._loaded)
+
     def names(self) -> list[str]:
         """Names of all materials, sorted."""
         return sorted({path.stem for path in self._files() if NAME.fullmatch(path.stem)})
@@ -91,10 +102,13 @@ class Library:
 
     def peek(self, name: str) -> Material | None:
         """The material if it is loaded and its file unchanged; reads no file."""
-        found = self._find(name)
+        stamp = self._find(name)[2]  # two calls of stat: what costs most, and what notices a changed file
         with self._lock:
             held = self._loaded.get(name)
-        return held[1] if held and held[0] == found[2] else None
+            if held is None or held[0] != stamp:
+                return None
+            self.hits += 1
+        return held[1]
 
     def get(self, name: str) -> Material:
         """The material, loaded if need be (reads a file).
@@ -104,7 +118,10 @@ class Library:
         material = self.peek(name)
         if material is None:
             with self._reading:
-                material = self.peek(name) or self._load(name)
+                material = self.peek(name)
+                if material is None:
+                    self.misses += 1
+                    material = self._load(name)
         return material
 
     def peek_id(self, id: str) -> Material | None:
@@ -149,6 +166,10 @@ class Library:
             lines.append(Listed(name, known.facts, known.error is None))
         return lines, len(names)
 
+    def choice_of(self, name: str) -> Path:
+        """The hidden file that says which of two files of one name is meant, while one replaces the other."""
+        return self.folder / f".{name}.choice"
+
     def _files(self) -> Iterable[Path]:
         try:
             with os.scandir(self.folder) as entries:
@@ -160,14 +181,14 @@ class Library:
             ) from error
         return [path for path in found if path.suffix in SUFFIXES]
 
-    def _find(self, name: str) -> tuple[Path, Kind, Stamp]:
+    def _find(self, name: str) -> tuple[str, Kind, Stamp]:
         """The one file of a material, by name; `NotFoundError`, or `MaterialDamagedError` if two files claim it."""
-        found: list[tuple[Path, Kind, Stamp]] = []
+        found: list[tuple[str, Kind, Stamp]] = []
         if NAME.fullmatch(name):
             for suffix, kind in SUFFIXES.items():
-                path = self.folder / f"{name}{suffix}"
+                path = f"{self._prefix}{name}{suffix}"  # every request comes here: pathlib would cost more than stat
                 try:
-                    info = path.stat()
+                    info = os.stat(path)
                 except OSError:
                     continue
                 if stat.S_ISREG(info.st_mode):  # opening a FIFO would wait for ever
@@ -175,6 +196,11 @@ class Library:
         if len(found) == 1:
             return found[0]
         if found:
+            with contextlib.suppress(
+                OSError, StopIteration
+            ):  # a change of kind was cut off after the new file was in place
+                chosen = self.choice_of(name).read_text(encoding="ascii")
+                return next(f for f in found if f[0] == f"{self._prefix}{name}{chosen}")
             raise MaterialDamagedError(
                 "material_ambiguous",
                 f"{name}: both {name}.h5 and {name}.json are in the data folder; remove or rename one",
@@ -214,7 +240,8 @@ class Library:
         return _Known(stamp, material.facts, material.id, None)
 
     def _load(self, name: str) -> Material:
-        path, kind, stamp = self._find(name)
+        place, kind, stamp = self._find(name)
+        path = Path(place)
         with self._lock:
             known = self._known.get(name)
         if known is not None and known.stamp == stamp and known.error is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -12,18 +13,22 @@ from typing import Any
 
 from fastapi import FastAPI
 from starlette.exceptions import HTTPException
-from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 import brdfcore as bc
 from app import openapi, process
 from app.boundary import Boundary
 from app.errors import problem
+from app.hotpath import HotPath
+from app.jobs import Jobs
 from app.library import Library
-from app.routers import health, materials, pages, tables
+from app.metrics import Metrics
+from app.routers import health, jobs, materials, pages, tables, writing
 from app.settings import Settings
 from app.state import State
+from app.storing import Store
 from app.warmup import warm_up
 
 
@@ -34,37 +39,78 @@ def create_app(settings: Settings | None = None, *, warm: bool = True) -> FastAP
     warm      compile the kernels in the background as soon as it starts; /health/ready tells when it is done.
     """
     settings = settings or Settings.load()
-    state = State(settings, Library(settings.data, settings.cache_bytes))
+    library = Library(settings.data, settings.cache_bytes)
+    store = Store(settings.data, library)
+    state = State(settings, library, store, Jobs(settings, store), Metrics())
 
     def warm_then_ready() -> None:
         if warm:
             warm_up(state.library)
+            # what is loaded by now stays: the collector need not look through it again and again
+            gc.collect()
+            gc.freeze()
         state.ready = True
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        state.jobs.clean()
         # a daemon: a service that is told to stop does not wait for the compiler
         threading.Thread(target=warm_then_ready, name="warm-up", daemon=True).start()
         yield
+        state.jobs.stop()
 
-    app = FastAPI(
+    app = Service(
         docs_url=None,  # the framework's page loads scripts from a server on the internet; pages.py has one of its own
         redoc_url=None,
         redirect_slashes=False,
         lifespan=lifespan,
-        middleware=[Middleware(Boundary, settings=settings)],
     )
+    app.wrap(state)
     app.state.brdf = state
     for kind in (HTTPException, bc.BrdfError):
         app.add_exception_handler(kind, _problem)
-    for part in (materials, tables, health, pages):
-        app.include_router(part.router)
-    openapi.install(app)
+    app.add_exception_handler(Exception, _failure)
+    for router in (
+        materials.router,
+        writing.router,
+        tables.router,
+        jobs.router,
+        health.router,
+        health.metrics_router,
+        pages.router,
+    ):
+        app.include_router(router)
+    openapi.install(app, settings)
     return app
 
 
-async def _problem(request: Request, error: Exception) -> Response:
+class Service(FastAPI):
+    """The framework's application inside our own layers, which each request passes first."""
+
+    _layers: ASGIApp | None = None
+
+    def wrap(self, state: State) -> None:
+        """Put the layers around it."""
+        self._layers = Boundary(HotPath(super().__call__), state)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http" and self._layers is not None:
+            await self._layers(scope, receive, send)
+        else:
+            await super().__call__(scope, receive, send)
+
+
+async def _failure(request: Request, error: Exception) -> Response:
+    """What went wrong inside; the framework raises it again afterwards, and the boundary puts it into the log."""
+    request.scope["brdf.failed"] = True
     return problem(error, request.scope["brdf.request_id"])
+
+
+async def _problem(request: Request, error: Exception) -> Response:
+    answer = problem(error, request.scope["brdf.request_id"])
+    if answer.status_code == 405:
+        answer.headers["allow"] = ", ".join(openapi.allowed_methods(request.app.openapi(), request.scope["path"]))
+    return answer
 
 
 def serve(
@@ -86,7 +132,10 @@ def serve(
     process.start_logging(settings.log_level)
     with process.bind(settings) as listener:
         _fill(settings)
-        process.run(create_app(settings), settings, listener)
+        app = create_app(settings)
+        if settings.log_level in ("debug", "info"):
+            app.state.brdf.access_log = sys.stderr.write
+        process.run(app, settings, listener, before_drain=app.state.brdf.drain)
     return 0
 
 

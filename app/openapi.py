@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,16 +15,22 @@ import brdfcore as bc
 from app.errors import PROBLEM_TYPE
 from app.query import QueryParameter
 from app.schemas import SCHEMAS
+from app.settings import Settings
 
 _REFUSALS = {
-    400: "the body cannot be read as JSON",
-    404: "no such material",
-    409: "the material's file cannot be used",
+    400: "the body cannot be read",
+    401: "writing takes a key",
+    403: "the service is read-only, or a page from another origin asks",
+    404: "there is nothing of this name or id",
+    406: "the Accept header takes none of the types that are offered",
+    408: "the body did not arrive in time",
+    409: "the material's file cannot be used; or it exists, and the request does not say that it may be replaced",
+    412: "If-Match or If-None-Match speaks of another state than the present one",
     413: "more than a limit; the problem says which",
     415: "a body of another media type",
     421: "the Host header names another machine",
     422: "a parameter or value that is not taken; the problem says which, where and why",
-    503: "not ready, or the data folder cannot be read",
+    503: "not ready, or too many jobs wait, or the data folder cannot be read or written",
 }
 
 DESCRIPTION = """\
@@ -58,12 +65,55 @@ def answers(
     return made
 
 
-def parameters(query: Iterable[QueryParameter] = (), path: Iterable[dict[str, Any]] = ()) -> dict[str, Any]:
-    """The `openapi_extra` of an operation that parses its own parameters."""
-    return {"parameters": [*path, *(q.openapi() for q in query)]}
+#: Headers of answers, by the kind of answer.
+HEADERS: dict[str, dict[str, Any]] = {
+    "stored": {
+        "ETag": {"schema": {"type": "string"}},
+        "Location": {"schema": {"type": "string"}},
+    }
+}
+_CONDITIONS = (
+    ("If-Match", "the material's ETag as its metadata gave it, or *: what may be replaced or deleted"),
+    ("If-None-Match", "*: only if there is none of this name"),
+)
 
 
-def install(app: FastAPI) -> None:
+def parameters(
+    query: Iterable[QueryParameter] = (), path: Iterable[dict[str, Any]] = (), *, conditions: bool = False
+) -> dict[str, Any]:
+    """The `openapi_extra` of an operation that parses its own parameters; `conditions`: it takes If-Match."""
+    headers = [
+        {"name": name, "in": "header", "required": False, "description": about, "schema": {"type": "string"}}
+        for name, about in _CONDITIONS
+        if conditions
+    ]
+    return {"parameters": [*path, *(q.openapi() for q in query), *headers]}
+
+
+def allowed_methods(document: dict[str, Any], path: str) -> list[str]:
+    """Methods that a path takes; the router itself names those of the first operation it finds there only."""
+    for template, operations in document["paths"].items():
+        if re.fullmatch(re.sub(r"\\{\w+\\}", "[^/]+", re.escape(template)), path):
+            methods = {method.upper() for method in operations}
+            return sorted(methods | ({"HEAD"} if "GET" in methods else set()))
+    return ["GET", "HEAD"]  # a page: the document does not list them
+
+
+_SCHEMES = {
+    "key": {"type": "apiKey", "in": "header", "name": "X-API-Key"},
+    "bearer": {"type": "http", "scheme": "bearer"},
+}
+
+
+def _secure(document: dict[str, Any]) -> None:
+    """Say of the operations that write that they take the key."""
+    for path in document["paths"].values():
+        for operation in path.values():
+            if "401" in operation["responses"]:
+                operation["security"] = [{"key": []}, {"bearer": []}]
+
+
+def install(app: FastAPI, settings: Settings) -> None:
     """Make `app.openapi()` give the complete document."""
 
     def openapi() -> dict[str, Any]:
@@ -74,7 +124,11 @@ def install(app: FastAPI) -> None:
             _, definitions = models_json_schema(
                 [(s, "validation") for s in SCHEMAS], ref_template="#/components/schemas/{model}"
             )
-            document.setdefault("components", {}).setdefault("schemas", {}).update(definitions["$defs"])
+            components = document.setdefault("components", {})
+            components.setdefault("schemas", {}).update(definitions["$defs"])
+            if settings.api_key is not None:
+                components["securitySchemes"] = _SCHEMES
+                _secure(document)
             app.openapi_schema = document
         return app.openapi_schema
 

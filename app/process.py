@@ -8,7 +8,8 @@ import logging
 import signal
 import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from types import FrameType
 
 import uvicorn
 from starlette.types import ASGIApp
@@ -83,6 +84,11 @@ class _Server(uvicorn.Server):
     """Says where it listens once it does, and returns after SIGTERM instead of dying of it."""
 
     listening: str = ""
+    before_drain: Callable[[], None] = staticmethod(lambda: None)
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        self.before_drain()
+        super().handle_exit(sig, frame)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
@@ -100,21 +106,31 @@ class _Server(uvicorn.Server):
                 signal.signal(number, handler)
 
 
-def run(app: ASGIApp, settings: Settings, listener: socket.socket) -> None:
-    """Serve until SIGINT or SIGTERM; running requests get `drain_seconds` to finish. Raises `ListenError`."""
+def run(app: ASGIApp, settings: Settings, listener: socket.socket, before_drain: Callable[[], None]) -> None:
+    """Serve until SIGINT or SIGTERM; running requests get `drain_seconds` to finish. Raises `ListenError`.
+
+    before_drain  called as soon as the signal comes.
+    """
     place = f"{settings.host}:{settings.port}"
     config = uvicorn.Config(
         app,
         log_config=None,
         log_level=None,
-        access_log=settings.log_level in ("debug", "info"),
+        access_log=False,  # the boundary writes a line for each request
         server_header=False,
         workers=1,
         lifespan="on",
         timeout_graceful_shutdown=settings.drain_seconds,
     )
+    # a thread that computes gives way to the event loop after a millisecond, not after five
+    sys.setswitchinterval(0.001)
     server = _Server(config)
-    shown = " (only this machine can reach it)" if settings.loopback else " (reachable from other machines, read-only)"
+    server.before_drain = before_drain
+    if settings.loopback:
+        shown = " (only this machine can reach it)"
+    else:
+        how = "writing takes the key" if settings.writable else "read-only"
+        shown = f" (reachable from other machines, {how})"
     server.listening = f"listening on {address_of(listener)}{shown}; data: {settings.data}; stop with Ctrl-C"
     try:
         server.run(sockets=[listener])

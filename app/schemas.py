@@ -48,6 +48,77 @@ class EvaluateAnswer(Strict):
     id: str = Field(description="digest of everything the values depend on")
     error: ErrorInShort = Field(description="measured error of the table against its source; empty if there is none")
     has_delta: bool = Field(description="true if a perfect mirror part exists, which the values leave out")
+    status: list[int] | None = Field(None, description="with status=true: where each point's value comes from")
+    status_names: list[str] | None = Field(None, description="what the numbers in status mean: names by position")
+
+
+class AlbedoAnswer(Strict):
+    """Fraction of the light that is reflected, the mirror part included."""
+
+    theta_i: list[float]
+    angles: Unit
+    values: list[list[float | None]] = Field(description="values[theta_i][channel]")
+    delta_reflectance: list[list[float]] = Field(description="the mirror part alone: [theta_i][channel]")
+    channels: list[str | float]
+    id: str
+    has_delta: bool = Field(description="true if a perfect mirror part exists, which the values contain")
+
+
+class TabulateOptions(Strict):
+    """What `brdfcore.tabulate` is asked for."""
+
+    representation: str = Field("auto", max_length=64, description="name of a representation, or auto")
+    tolerance: float | None = Field(None, gt=0, allow_inf_nan=False, description="error to reach (L1)")
+    max_bytes: int | None = Field(None, gt=0, le=2**40, description="the smallest error within so many bytes")
+    shape: list[Annotated[int, Field(ge=2, le=2**31)]] | None = Field(
+        None, min_length=1, max_length=8, description="nodes per axis, both ends included"
+    )
+    interpolation: str = Field("linear", max_length=64)
+    negatives: Literal["keep", "zero"] = Field("keep", description="negative values of the source")
+    fold: list[Literal["bilateral", "reciprocal"]] | None = Field(
+        None, max_length=2, description="average over a symmetry that the source does not have"
+    )
+
+
+class MaterialModel(Strict):
+    """A model and its parameters."""
+
+    model: str = Field(max_length=64, description="name of a model", examples=["cook_torrance"])
+    parameters: dict[str, Any] = Field({}, examples=[{"roughness": 0.2, "ior": "gold"}])
+    about: str = Field("", max_length=1000, description="a sentence for people")
+    tabulate: TabulateOptions | None = Field(None, description="store a table of it instead of the model itself")
+
+
+class JobProgress(Strict):
+    """How far."""
+
+    done: int
+    total: int
+    stage: str
+
+
+class JobProblem(Strict):
+    """Why a job failed."""
+
+    status: int
+    code: str
+    detail: str
+
+
+class JobAnswer(Strict):
+    """A job."""
+
+    id: str
+    kind: Literal["upload", "tabulate"]
+    material: str
+    state: Literal["receiving", "queued", "running", "done", "failed", "cancelled"]
+    progress: JobProgress
+    ahead: int = Field(description="jobs that come before it")
+    created: str
+    finished: str | None
+    problem: JobProblem | None
+    result: dict[str, Any] | None = Field(description="id, bytes and measured error of the material, once it is done")
+    links: dict[str, str]
 
 
 class SliceAnswer(BaseModel):
@@ -137,6 +208,9 @@ class Problem(Strict):
 SCHEMAS: tuple[type[BaseModel], ...] = (
     EvaluateRequest,
     EvaluateAnswer,
+    AlbedoAnswer,
+    MaterialModel,
+    JobAnswer,
     SliceAnswer,
     MaterialLine,
     MaterialList,

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, field_validator
 
 import brdfcore as bc
 
@@ -33,6 +33,20 @@ class Settings(BaseModel):
     max_values: int = Field(4_000_000, ge=1, description="most values (points x channels) of one JSON answer")
     max_theta_i: int = Field(16, ge=1, description="most angles of incidence in one slice")
     max_body_bytes: int = Field(64 * MB, ge=1, description="most bytes of a request body, counted as received")
+    body_seconds: float = Field(60, gt=0, description="seconds in which a request body must have arrived")
+    max_upload_bytes: int = Field(256 * MB, ge=1, description="most bytes of an uploaded file, counted as received")
+    upload_seconds: float = Field(600, gt=0, description="seconds in which an upload must have arrived")
+    max_table_bytes: int = Field(512 * MB, ge=1, description="most bytes of a table that a request may make")
+    job_seconds: int = Field(600, ge=1, description="processor seconds of one upload or tabulation")
+    job_memory_bytes: int = Field(
+        4096 * MB, ge=1024 * MB, description="address space of the process that reads an upload or tabulates"
+    )
+    allow_hdf5: bool = Field(False, description="take uploads of HDF5 table files; their library is large and in C")
+    api_key: SecretStr | None = Field(
+        None,
+        min_length=8,
+        description="key that writing takes (X-API-Key, or Authorization: Bearer); without it only loopback may write",
+    )
     allowed_hosts: tuple[str, ...] = Field(
         (), description="comma-separated Host names to answer to; empty: loopback names on loopback, any name elsewhere"
     )
@@ -71,6 +85,11 @@ class Settings(BaseModel):
         except ValueError:
             return False
 
+    @property
+    def writable(self) -> bool:
+        """True if materials can be stored and deleted at all: on loopback, or with a key."""
+        return self.loopback or self.api_key is not None
+
 
 def variable_of(name: str) -> str:
     """Environment variable of a setting: "max_points" -> "BRDF_MAX_POINTS"."""
@@ -88,6 +107,8 @@ def setting_lines() -> list[tuple[str, str, str]]:
 def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return "1" if value else "0"
+    if value is None:
+        return "none"
     return ",".join(value) if isinstance(value, tuple) else str(value)
 
 
@@ -96,7 +117,7 @@ def _explain(error: ValidationError, flags: Mapping[str, Any]) -> bc.InputError:
     name = str(first["loc"][0])
     from_flag = flags.get(name) is not None
     where = f"--{name.replace('_', '-')}" if from_flag else variable_of(name)
-    got = str(first["input"])[:80]
+    got = "(secret)" if name == "api_key" else str(first["input"])[:80]
     return bc.InputError(
         "bad_setting", f"{where} = {got!r}: {first['msg']}", where=where, got=got, expected=first["msg"]
     )

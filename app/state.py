@@ -1,15 +1,24 @@
-"""What every request handler shares: settings, library, readiness, and the one seat at the drawing table."""
+"""What every request handler shares: settings, library, jobs, counters, readiness, and who may work at once."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import cast
 
 from anyio import CapacityLimiter
 from starlette.requests import Request
 
+from app.jobs import Jobs
 from app.library import Library
+from app.lru import ByteLru
+from app.metrics import Metrics
 from app.settings import Settings
+from app.storing import Store
+
+#: Bytes of pictures that are kept.
+PICTURE_BYTES = 32 * 2**20
 
 
 @dataclass
@@ -18,13 +27,32 @@ class State:
 
     settings: Settings
     library: Library
+    store: Store
+    jobs: Jobs
+    metrics: Metrics
+    #: Takes the line that each request leaves in the log; None: no such log.
+    access_log: Callable[[str], object] | None = None
+    #: Pictures by ETag: the start page shows the same ones to everybody, and each takes a third of a second to draw.
+    pictures: ByteLru[str, bytes] = field(default_factory=lambda: ByteLru(PICTURE_BYTES))
     #: True once the kernels are compiled and one figure was drawn.
     ready: bool = False
+    #: True once the process was told to end: what could go on for ever ends then.
+    draining: bool = False
     #: matplotlib shares font caches between figures and holds the interpreter's lock: drawing two at once
     #: is neither safe nor faster, and must not take the threads that evaluate needs.
     drawing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
+    #: Threads that parse, evaluate and encode: many more than there are cores only take the interpreter's lock from
+    #: each other and from the event loop.
+    working: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2 * (os.cpu_count() or 1)))
+    #: Answers of millions of values at once: each takes all cores and up to some hundred megabytes, and must not
+    #: take the seats of the others.
+    large: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2))
+
+    def drain(self) -> None:
+        """The process was told to end."""
+        self.draining = True
 
 
 def state_of(request: Request) -> State:
     """The state of the application that a request belongs to."""
-    return cast(State, request.app.state.brdf)
+    return cast(State, request.scope["brdf.state"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -13,10 +14,22 @@ from brdfcore import conventions
 from brdfcore.conventions import FloatArray, Outside
 from brdfcore.errors import InputError, UnknownNameError
 from brdfcore.geometry import angles_from_vectors
-from brdfcore.quadrature import hemisphere_rule
+from brdfcore.parameters import shown
+from brdfcore.quadrature import integrate_hemisphere
 from brdfcore.status import Status
 
 ChannelKind = Literal["name", "wavelength"]
+
+#: Estimated error of an albedo, relative to max(1, albedo), at which `Brdf.albedo` is content, and the evaluations an
+#: angle that it may spend on getting there.
+ALBEDO_TOLERANCE = 5e-7
+ALBEDO_BUDGET = 400_000
+#: Albedos that an analytic model remembers, one an angle and precision.
+ALBEDOS_KEPT = 1024
+
+
+#: Largest wavelength a channel may have, nm: a kilometre.
+LONGEST_WAVE = 1e12
 
 
 class Channels(tuple[Any, ...]):
@@ -36,7 +49,8 @@ class Channels(tuple[Any, ...]):
             )
         if kind == "wavelength":
             numbers = [x for x in listed if isinstance(x, (int, float, np.number)) and not isinstance(x, bool)]
-            if len(numbers) < len(listed) or not all(np.isfinite(x) and x > 0 for x in numbers):
+            # compared before it is converted: a whole number may be too large for any float
+            if len(numbers) < len(listed) or not all(0 < x <= LONGEST_WAVE for x in numbers):
                 raise InputError("bad_channels", "channels: a wavelength is a positive number of nm", where="channels")
             listed = [float(x) for x in numbers]
         if len(set(listed)) != len(listed):
@@ -50,17 +64,19 @@ class Channels(tuple[Any, ...]):
 
     def find(self, name: str | float) -> int:
         """Index of a channel by name, wavelength (also as text) or position "0", "1", ..."""
+        text = str(name)
         for i, channel in enumerate(self):
-            if channel == name or str(channel) == str(name) or self.labels()[i].split()[0] == str(name):
+            if channel == name or text in (str(channel), f"{channel:g}" if self.kind == "wavelength" else channel):
                 return i
-        if str(name).isdigit() and int(name) < len(self):
-            return int(name)
+        # isdigit alone is true of "²", which is no number to int
+        if text.isascii() and text.isdigit() and len(text) < 10 and int(text) < len(self):
+            return int(text)
         listed = ", ".join(str(c) for c in self)
         raise UnknownNameError(
             "unknown_channel",
-            f"no channel {str(name)[:40]!r}; this material has: {listed}",
+            f"no channel {text[:40]!r}; this material has: {listed}",
             where="channel",
-            got=str(name)[:40],
+            got=text[:40],
             expected=listed,
         )
 
@@ -116,10 +132,13 @@ class Brdf(ABC):
     has_delta: bool = False
     #: True if `_evaluate` notices inputs outside the plain domain itself (compiled kernels do, in the same pass).
     _checks_domain: bool = False
+    #: True if f is a formula, smooth but for few kinks: the albedo is then refined until its error is small.
+    _analytic: bool = False
 
     def __init__(self) -> None:
         self.metadata: dict[str, Any] = {}
         self.report: dict[str, Any] = {}
+        self._albedos: dict[tuple[float, ...], tuple[FloatArray, FloatArray]] = {}
 
     # ---- what an entry implements -------------------------------------------------------------
 
@@ -231,20 +250,52 @@ class Brdf(ABC):
     def albedo(self, theta_i: npt.ArrayLike, *, points: int = 12, azimuths: int = 64) -> FloatArray:
         """Directional-hemispherical reflectance int f_r cos_o dwo, the delta part included.
 
-        Quadrature over the half vector, graded towards the mirror direction (`quadrature.hemisphere_rule`);
-        `points` and `azimuths` set its size. Shape theta_i.shape + (channels,), float64. Doubling both and
-        taking the difference estimates the error.
+        Quadrature over the half vector, graded towards the mirror direction (`quadrature.hemisphere_rule`); `points`
+        and `azimuths` set the size of its panels. For an analytic model panels are halved until the estimated error
+        is below 5e-7 of max(1, albedo), or 4e5 evaluations an angle are spent; anything else, whose interpolation has
+        kinks everywhere, is integrated once. Shape theta_i.shape + (channels,), float64.
         """
+        budget = ALBEDO_BUDGET if self._analytic else 0
+        return self._albedo(theta_i, points, azimuths, ALBEDO_TOLERANCE, budget)[0]
+
+    def albedo_error(
+        self, theta_i: npt.ArrayLike, *, tolerance: float = ALBEDO_TOLERANCE, budget: int = ALBEDO_BUDGET
+    ) -> tuple[FloatArray, FloatArray]:
+        """(albedo, its estimated error): panels are halved until the estimate is below `tolerance` max(1, albedo).
+
+        Ends earlier when `budget` evaluations an angle are spent: the estimate says how far it came. The estimate is
+        well above the error where f is smooth. Both of shape theta_i.shape + (channels,), float64.
+        """
+        return self._albedo(theta_i, 12, 64, tolerance, budget)
+
+    def _albedo(
+        self, theta_i: npt.ArrayLike, points: int, azimuths: int, tolerance: float, budget: int
+    ) -> tuple[FloatArray, FloatArray]:
         angles = conventions.check_domain(conventions.flatten_angles(theta_i, 0.0, 0.0))
         thetas = np.minimum(angles.theta_i.astype(np.float64), conventions.HALF_PI)
-        values = self._delta_reflectance(thetas)
+        values = np.array(self._delta_reflectance(thetas))
+        errors = np.zeros_like(values)
         for k, theta in enumerate(thetas):
-            theta_o, delta_phi, weight = hemisphere_rule(
-                float(theta), points=points, azimuths=azimuths, bilateral=self.bilateral
-            )
-            f = self.evaluate(theta, theta_o, delta_phi)
-            values[k] += (weight * np.cos(theta_o)) @ f
-        return values.reshape((*angles.shape, len(self.channels)))
+            key = (float(theta), points, azimuths, tolerance, budget)
+            found = self._albedos.get(key)
+            if found is None:
+                found = integrate_hemisphere(
+                    partial(self.evaluate, theta),
+                    key[0],
+                    points=points,
+                    azimuths=azimuths,
+                    bilateral=self.bilateral,
+                    tolerance=tolerance,
+                    budget=budget,
+                )
+                # a formula never changes; refining it costs tens of milliseconds an angle, and comparing one model
+                # with several tables asks for the same angles each time
+                if self._analytic and len(self._albedos) < ALBEDOS_KEPT:
+                    self._albedos[key] = found
+            values[k] += found[0]
+            errors[k] = found[1]
+        shape = (*angles.shape, len(self.channels))
+        return values.reshape(shape), errors.reshape(shape)
 
     def describe(self) -> dict[str, Any]:
         """JSON-ready facts: channels, flags, metadata."""
@@ -259,8 +310,15 @@ class Brdf(ABC):
             "metadata": dict(self.metadata),
         }
 
+    #: So that numpy leaves `array * brdf` to `__rmul__`; it would make an array of objects.
+    __array_ufunc__ = None
+
     def __add__(self, other: object) -> Brdf:
         return Sum(self, other) if isinstance(other, Brdf) else NotImplemented
+
+    def __radd__(self, other: object) -> Brdf:
+        # sum() begins with 0
+        return self if isinstance(other, int) and other == 0 else NotImplemented
 
     def __mul__(self, factor: Any) -> Brdf:
         return NotImplemented if isinstance(factor, Brdf) else Scaled(self, factor)
@@ -280,6 +338,7 @@ class Sum(Brdf):
         self.non_negative = a.non_negative and b.non_negative
         self.energy_conserving = False  # each may reflect all light
         self.has_delta = a.has_delta or b.has_delta
+        self._analytic = a._analytic and b._analytic
         self.metadata = {"sum": [a.describe()["metadata"], b.describe()["metadata"]]}
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
@@ -311,13 +370,14 @@ class Scaled(Brdf):
         super().__init__()
         try:
             scale = np.atleast_1d(np.asarray(factor, dtype=np.float64))
-        except (TypeError, ValueError) as error:
-            raise InputError("bad_factor", f"factor: expected numbers, got {factor!r}", where="factor") from error
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InputError("bad_factor", f"factor: expected numbers, got {shown(factor)}", where="factor") from error
         usable = scale.ndim == 1 and scale.size in (1, len(part.channels))
         if not usable or not (np.isfinite(scale) & (scale >= 0)).all():
             raise InputError(
                 "bad_factor",
-                f"factor: expected a number >= 0, or {len(part.channels)} of them (one per channel); got {factor!r}",
+                f"factor: expected a number >= 0, or {len(part.channels)} of them (one per channel); "
+                f"got {shown(factor)}",
                 where="factor",
                 expected=f"1 or {len(part.channels)} finite numbers >= 0",
             )
@@ -327,6 +387,7 @@ class Scaled(Brdf):
         self.bilateral, self.reciprocal, self.non_negative = part.bilateral, part.reciprocal, part.non_negative
         self.energy_conserving = part.energy_conserving and bool((scale <= 1).all())
         self.has_delta = part.has_delta
+        self._analytic = part._analytic
         self.metadata = {"scaled": part.describe()["metadata"], "factor": scale.tolist()}
         self.report = part.report
 
@@ -344,3 +405,9 @@ class Scaled(Brdf):
 
     def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return self.part._delta_reflectance(theta_i) * self.factor
+
+    def _albedo(
+        self, theta_i: npt.ArrayLike, points: int, azimuths: int, tolerance: float, budget: int
+    ) -> tuple[FloatArray, FloatArray]:
+        albedo, error = self.part._albedo(theta_i, points, azimuths, tolerance, budget)
+        return albedo * self.factor, error * self.factor

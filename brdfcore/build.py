@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Sequence
+from numbers import Real
 from typing import Any
 
 from brdfcore.brdf import Brdf
 from brdfcore.errors import InputError
 from brdfcore.metrics import compare
+from brdfcore.parameters import shown
 from brdfcore.registry import REPRESENTATIONS
 from brdfcore.tables.base import BuildOptions, Progress, Table
 
@@ -17,6 +19,8 @@ from brdfcore.tables.base import BuildOptions, Progress, Table
 DEFAULT_TOLERANCE = 0.01
 #: L1 above which a table is called bad, unasked: one part in twenty of the light in the wrong place.
 BAD_L1 = 0.05
+#: Error of the mirror part's reflectance above which a table is called bad.
+BAD_DELTA = 0.005
 #: Albedo error above which the same is said of the energy, at theta_i up to BAD_ALBEDO_TO degrees: at more grazing
 #: angles nearly every table is off, and next to no light arrives there.
 BAD_ALBEDO, BAD_ALBEDO_TO = 0.05, 80.0
@@ -47,8 +51,9 @@ def tabulate(
     representation : str
         A name of `representations()`, or "auto": every one that can hold `b` is considered.
     tolerance : float, optional
-        L1 to reach; the fastest representation, at the smallest size, that meets it. Default 0.01 when neither
-        max_bytes nor shape is given. If none meets it, the best is returned with a `ToleranceWarning`.
+        L1 to reach, and the error of the delta part's reflectance where there is one; the fastest representation, at
+        the smallest size, that meets it. Default 0.01 when neither max_bytes nor shape is given. If none meets it, the
+        best is returned with a `ToleranceWarning`.
     max_bytes : int, optional
         Limit on `nbytes`; the smallest error within it.
     shape : sequence of int, optional
@@ -83,10 +88,8 @@ def tabulate(
             "shape fixes the size: leave out tolerance and max_bytes, or leave out shape",
             where="shape",
         )
-    if tolerance is not None and not tolerance > 0:
-        raise InputError("bad_option", f"tolerance = {tolerance!r}: expected a number > 0", where="tolerance")
-    if max_bytes is not None and max_bytes <= 0:
-        raise InputError("bad_option", f"max_bytes = {max_bytes!r}: expected a number > 0", where="max_bytes")
+    tolerance, room = _positive("tolerance", tolerance), _positive("max_bytes", max_bytes)
+    max_bytes = None if room is None else int(room)
     if representation != "auto":
         names: Sequence[str] = (representation,)
     elif shape is not None:
@@ -97,33 +100,49 @@ def tabulate(
     if representation == "auto":
         classes = [c for c in classes if c.can_hold(b)]
     if tolerance is None and max_bytes is None and (shape is not None or representation != "auto"):
-        return _measured(classes[0].build(b, options, progress), b, None, progress)
+        return _advised(_measured(classes[0].build(b, options, progress), b, None, progress), b, names)
     if tolerance is None and max_bytes is None:
         tolerance = DEFAULT_TOLERANCE
-    return _search(b, classes, options, tolerance, max_bytes, progress)
+    return _advised(_search(b, classes, options, tolerance, max_bytes, progress), b, names)
+
+
+def _positive(name: str, value: Any) -> float | None:
+    if value is None:
+        return None
+    try:
+        number = float(value) if isinstance(value, Real) else math.nan
+    except OverflowError:  # a whole number beyond float64
+        number = math.inf
+    if not 0 < number < math.inf:  # false for NaN
+        raise _bad_option(name, value, "a finite number > 0")
+    return number
+
+
+def _bad_option(name: str, value: Any, expected: str) -> InputError:
+    got = shown(value)
+    return InputError("bad_option", f"{name} = {got}: expected {expected}", where=name, got=got, expected=expected)
 
 
 def _options(
     shape: Sequence[int] | None, interpolation: str, negatives: str, fold: str | Iterable[str] | None
 ) -> BuildOptions:
     if negatives not in ("keep", "zero"):
-        raise InputError(
-            "bad_option", f"negatives = {negatives!r}: expected 'keep' or 'zero'", where="negatives", got=str(negatives)
-        )
-    folds = frozenset([fold] if isinstance(fold, str) else fold or ())
-    unknown = folds - {"bilateral", "reciprocal"}
-    if unknown:
-        raise InputError(
-            "bad_option", f"fold = {sorted(unknown)}: expected 'bilateral', 'reciprocal' or both", where="fold"
-        )
+        raise _bad_option("negatives", negatives, "'keep' or 'zero'")
+    try:
+        folds = frozenset([fold] if isinstance(fold, str) else fold or ())
+    except TypeError as error:
+        raise _bad_option("fold", fold, "'bilateral', 'reciprocal' or both") from error
+    if folds - {"bilateral", "reciprocal"}:
+        raise _bad_option("fold", fold, "'bilateral', 'reciprocal' or both")
     nodes: tuple[int, ...] | None = None
     if shape is not None:
         try:
             nodes = tuple(int(n) for n in shape)
-        except (TypeError, ValueError) as error:
-            raise InputError("bad_option", f"shape = {shape!r}: expected whole numbers", where="shape") from error
-        if any(n != m for n, m in zip(nodes, shape, strict=True)):
-            raise InputError("bad_option", f"shape = {shape!r}: expected whole numbers", where="shape")
+            whole = bool(nodes) and all(n == m and abs(n) < 2**31 for n, m in zip(nodes, shape, strict=True))
+        except (TypeError, ValueError, OverflowError):
+            whole = False
+        if not whole:
+            raise _bad_option("shape", shape, "whole numbers below 2^31")
     return BuildOptions(nodes, interpolation, negatives, folds)
 
 
@@ -145,9 +164,9 @@ def _search(
                 smallest = min(table.nbytes, smallest or table.nbytes)
                 continue
             table = _measured(table, b, tolerance, progress)
-            if best is None or _l1(table) < _l1(best):
+            if best is None or _worst(table) < _worst(best):
                 best = table
-            if tolerance is not None and _l1(table) <= tolerance:
+            if tolerance is not None and _worst(table) <= tolerance:
                 return table
             if tolerance is not None and not cls.worth_refining(_l1(table), tolerance):
                 break
@@ -162,15 +181,27 @@ def _search(
         )
     if tolerance is not None:
         which = f"{best.name} of {best.nbytes} bytes"
-        message = f"no table met tolerance {tolerance:g}: the best, {which}, has L1 {_l1(best):.3g}"
+        delta = best.error["delta"]
+        also = f" and its mirror part is off by {delta:.3g}" if best.has_delta and delta is not None else ""
+        message = f"no table met tolerance {tolerance:g}: the best, {which}, has L1 {_l1(best):.3g}{also}"
         best.error["warnings"].append(message)
         warnings.warn(message, ToleranceWarning, stacklevel=3)
     return best
 
 
 def _l1(table: Table) -> float:
-    value = table.error.get("l1")
-    return 0.0 if value is None else float(value)  # None: no regular part, so nothing can be misplaced
+    if not table.error["regular"]:
+        return 0.0  # nothing can be misplaced
+    return _or_infinite(table.error["l1"])
+
+
+def _worst(table: Table) -> float:
+    """What a tolerance bounds: L1, and the error of the mirror part's reflectance."""
+    return max(_l1(table), _or_infinite(table.error["delta"]))
+
+
+def _or_infinite(measured: float | None) -> float:
+    return math.inf if measured is None else measured  # None: not finite
 
 
 def _measured(table: Table, source: Brdf, tolerance: float | None, progress: Progress | None) -> Table:
@@ -190,17 +221,32 @@ def _measured(table: Table, source: Brdf, tolerance: float | None, progress: Pro
 def _complaints(error: dict[str, Any]) -> list[str]:
     """What a user has to be told without asking."""
     said = []
-    if error["l1"] is None:
+    if not error["regular"]:
         said.append("the source has no regular part: L1 has no meaning, the table holds its mirror part only")
+    elif error["l1"] is None:
+        said.append("its L1 can't be told: values of the source or of the table are not finite")
     elif error["l1"] > BAD_L1:
         said.append(
             f"this table misplaces {100 * error['l1']:.0f} % of the reflected energy (L1 = {error['l1']:.3g}): "
             "its cells are wider than the material's lobe; don't render with it"
         )
-    pairs = zip(error["albedo_bias"]["bias"], error["albedo_bias"]["theta_i"])
-    worst = max((p for p in pairs if math.degrees(p[1]) <= BAD_ALBEDO_TO + 1e-9), key=lambda pair: abs(pair[0]))
+    if error["delta"] is None or error["delta"] > BAD_DELTA:
+        off = "not finite" if error["delta"] is None else f"off by up to {error['delta']:.3g}"
+        said.append(f"the reflectance of its mirror part is {off}")
+    pairs = [p for p in zip(error["albedo_bias"]["bias"], error["albedo_bias"]["theta_i"]) if p[0] is not None]
+    pairs = [p for p in pairs if math.degrees(p[1]) <= BAD_ALBEDO_TO + 1e-9]
+    worst = max(pairs, key=lambda pair: abs(pair[0]), default=(0.0, 0.0))
     if abs(worst[0]) > BAD_ALBEDO:
         said.append(f"its albedo is off by {100 * worst[0]:+.0f} % at theta_i = {math.degrees(worst[1]):.1f} degrees")
     if error["nan"]:
         said.append(f"{error['nan']} of {error['values']} values are not numbers")
     return said
+
+
+def _advised(table: Table, source: Brdf, tried: Sequence[str]) -> Table:
+    """`table`, with what else to try among its warnings if it misplaces too much."""
+    if _l1(table) > BAD_L1:
+        others = [name for name in REPRESENTATIONS if name not in tried and REPRESENTATIONS.load(name).can_hold(source)]
+        named = f"representation {' or '.join(others)}, or " if others else ""
+        table.error["warnings"].append(f"try {named}more nodes: a larger shape or max_bytes")
+    return table

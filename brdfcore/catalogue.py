@@ -9,7 +9,7 @@ from brdfcore.parameters import Parameter
 from brdfcore.registry import FORMATS, MODELS, REPRESENTATIONS, Registry
 
 
-def model(name: str, **parameters: Any) -> Brdf:
+def model(name: str, /, **parameters: Any) -> Brdf:
     """An analytic model: `model("cook_torrance", roughness=0.1, ior="gold")`.
 
     Raises `UnknownNameError` for an unknown model or parameter, `InputError` for a value out of bounds.

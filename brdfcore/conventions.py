@@ -9,9 +9,9 @@ Value. f_r in 1/sr, without the cosine. The last axis of a value array is the ch
 Units. Radians and nanometres. Degrees exist at the edges only (HTTP, shell, plots) and are turned
 into radians by `numpy.radians` only, so that every entry point computes the same bits.
 
-Domain. theta in [0, pi/2]; delta_phi any finite number. float32(pi/2) exceeds pi/2 by 4.4e-8: it is
-accepted and means pi/2. Anything else outside is an error naming argument, index and value, unless
-`outside="nan"` or `outside="clip"` asks for another answer.
+Domain. theta in [0, pi/2], the pi/2 of the type it is given in: float32(pi/2) exceeds pi/2 by 4.4e-8 and, given
+as float32, is accepted and means pi/2 (also beside float64 arguments). Anything else outside is an error naming
+argument, index and value, unless `outside="nan"` or `outside="clip"` asks for another answer.
 
 Number types. float32 results only if all inputs are float32, else float64.
 """
@@ -29,7 +29,8 @@ FloatArray = npt.NDArray[np.floating[Any]]
 Outside = Literal["raise", "nan", "clip"]
 
 HALF_PI = np.pi / 2
-#: Largest theta accepted: float32's pi/2 is above float64's and has to stay valid.
+#: Largest theta accepted as float32; above HALF_PI, which is the largest accepted as float64. Compared with an array,
+#: the Python number HALF_PI takes the array's type, so that `theta <= HALF_PI` holds each type to its own limit.
 THETA_MAX = float(np.float32(HALF_PI))
 #: pi = PI_HI + PI_LO to 106 bits; pi itself is no float64.
 PI_HI, PI_LO = np.pi, 1.2246467991473532e-16
@@ -101,6 +102,8 @@ def flatten_angles(theta_i: npt.ArrayLike, theta_o: npt.ArrayLike, delta_phi: np
     """
     a, b, c = as_float("theta_i", theta_i), as_float("theta_o", theta_o), as_float("delta_phi", delta_phi)
     dtype = a.dtype if a.dtype == b.dtype == c.dtype else np.dtype(np.float64)
+    if dtype == np.float64:
+        a, b = _promoted_theta(a), _promoted_theta(b)
     if a.shape == b.shape == c.shape:
         shape = a.shape
     else:
@@ -111,6 +114,13 @@ def flatten_angles(theta_i: npt.ArrayLike, theta_o: npt.ArrayLike, delta_phi: np
     # a kernel compiled for read-only or unaligned memory would be another version, seconds of compiling: copy instead
     flat = [x if x.flags.behaved else x.copy() for x in flat]
     return Angles(flat[0], flat[1], flat[2], shape, None)
+
+
+def _promoted_theta(theta: FloatArray) -> FloatArray:
+    """theta in float64; float32's pi/2 becomes float64's, which it means."""
+    if theta.dtype == np.float64:
+        return theta
+    return np.where(theta == np.float32(HALF_PI), HALF_PI, theta.astype(np.float64))
 
 
 def _complain(angles: Angles, name: str, values: FloatArray, bad: npt.NDArray[np.bool_], expected: str) -> InputError:
@@ -148,7 +158,7 @@ def check_domain(angles: Angles, outside: Outside = "raise") -> Angles:
     mask = np.zeros(angles.theta_i.shape, np.bool_)
     thetas: list[FloatArray] = []
     for name, theta in (("theta_i", angles.theta_i), ("theta_o", angles.theta_o)):
-        bad = ~((theta >= 0) & (theta <= THETA_MAX))  # written so that NaN is bad
+        bad = ~((theta >= 0) & (theta <= HALF_PI))  # written so that NaN is bad; each type's own pi/2
         if bad.any():
             if outside == "raise":
                 raise _complain(angles, name, theta, bad, "[0, pi/2]")

@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.errors import InputError
 from brdfcore.geometry import outgoing_from_half, pair_from_angles
 
 Float64Array = npt.NDArray[np.float64]
 
 #: GGX widths of the lobe part: one set serves lobes from a satin paint to a polished metal.
 LOBE_WIDTHS = (0.003, 0.01, 0.03, 0.1, 0.3)
+#: Most pairs drawn at once: 7 GB.
+LARGEST = 2**26
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,15 +37,15 @@ class DirectionSet:
     seed: int
 
 
-def mixture(n: int, seed: int, *, uniform_share: float = 0.5, widths: tuple[float, ...] = LOBE_WIDTHS) -> DirectionSet:
-    """wi cosine-distributed; wo cosine-distributed with probability `uniform_share`, else mirrored at a GGX normal.
+def mixture(n: int, seed: int, *, cosine_share: float = 0.5, widths: tuple[float, ...] = LOBE_WIDTHS) -> DirectionSet:
+    """wi cosine-distributed; wo cosine-distributed with probability `cosine_share`, else mirrored at a GGX normal.
 
-    p = s c_i c_o / pi^2 + (1 - s) (c_i/pi) mean_a D_a(h) (n.h) / (4 wo.h), s = `uniform_share` >= .3 so that
+    p = s c_i c_o / pi^2 + (1 - s) (c_i/pi) mean_a D_a(h) (n.h) / (4 wo.h), s = `cosine_share` >= .3 so that
     the weight of a direction far from the lobe stays bounded (w <= pi^2/s). Independent draws of PCG64(seed).
     """
-    rng = np.random.default_rng(seed)
+    rng = _generator(n, seed)
     theta_i = np.arcsin(np.sqrt(rng.random(n)))
-    lobe = rng.random(n) >= uniform_share
+    lobe = rng.random(n) >= cosine_share
     alpha = rng.choice(np.asarray(widths), n)
     u, phi = rng.random(n), rng.uniform(-np.pi, np.pi, n)
     # cosine-distributed wo, and GGX-distributed h: tan theta_h = alpha sqrt(u/(1-u))
@@ -57,15 +60,28 @@ def mixture(n: int, seed: int, *, uniform_share: float = 0.5, widths: tuple[floa
     tan2 = pair.tan2_h
     nh = 1 / np.sqrt(1 + tan2)
     d = np.mean([((a * (1 + tan2)) / (tan2 + a * a)) ** 2 / np.pi for a in widths], axis=0)
-    density = uniform_share * pair.cos_i * pair.cos_o / np.pi**2
-    density = density + (1 - uniform_share) * (pair.cos_i / np.pi) * d * nh / (4 * pair.cos_d)
+    density = cosine_share * pair.cos_i * pair.cos_o / np.pi**2
+    density = density + (1 - cosine_share) * (pair.cos_i / np.pi) * d * nh / (4 * pair.cos_d)
     weight = np.where(below, 0.0, pair.cos_i * pair.cos_o / density)
     return DirectionSet(theta_i, theta_o, delta_phi, density, weight, lobe, seed)
 
 
-def uniform_pairs(n: int, seed: int) -> tuple[Float64Array, Float64Array, Float64Array]:
+def _generator(n: int, seed: int) -> np.random.Generator:
+    """PCG64(seed), after holding the number of pairs and the seed to what can be drawn."""
+    for name, value, least, most in (("directions", n, 1, LARGEST), ("seed", seed, 0, 2**63 - 1)):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
+            raise InputError(
+                "bad_option",
+                f"{name}: expected a whole number from {least} to {most}",
+                where=name,
+                expected=f"[{least}, {most}]",
+            )
+    return np.random.default_rng(seed)
+
+
+def cosine_pairs(n: int, seed: int) -> tuple[Float64Array, Float64Array, Float64Array]:
     """n pairs with both directions cosine-distributed: (theta_i, theta_o, delta_phi)."""
-    rng = np.random.default_rng(seed)
+    rng = _generator(n, seed)
     return (
         np.arcsin(np.sqrt(rng.random(n))),
         np.arcsin(np.sqrt(rng.random(n))),

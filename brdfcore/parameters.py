@@ -14,6 +14,15 @@ from brdfcore.errors import InputError, UnknownNameError
 Kind = Literal["number", "choice", "ior", "wavelengths", "flag", "integer", "text"]
 
 
+def shown(value: Any) -> str:
+    """`value` as an error message shows it: its repr, at most 80 characters; its type where it has none."""
+    try:
+        text = repr(value)
+    except Exception:  # whole numbers of more than 4,300 digits, and whatever a caller's own class does
+        return f"a value of type {type(value).__name__}"
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """One parameter of a registry entry.
@@ -91,7 +100,7 @@ class Parameter:
             raise self._error(owner, value, "a number")
         try:
             array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:  # overflow: a whole number beyond float64
             raise self._error(owner, value, "a number") from error
         many = self.kind == "wavelengths" or (self.kind == "number" and self.per_channel)
         if array.ndim > 1 or (array.ndim == 1 and (not many or array.size == 0)):
@@ -116,12 +125,12 @@ class Parameter:
 
     def _error(self, owner: str, value: Any, expected: str) -> InputError:
         unit = f" {self.unit}" if self.unit else ""
-        shown = repr(value) if len(repr(value)) <= 80 else repr(value)[:77] + "..."
+        got = shown(value)
         return InputError(
             "bad_parameter",
-            f"{owner}: {self.name} = {shown} is not allowed; expected {expected}{unit} ({self.meaning})",
+            f"{owner}: {self.name} = {got} is not allowed; expected {expected}{unit} ({self.meaning})",
             where=self.name,
-            got=shown,
+            got=got,
             expected=expected + unit,
         )
 

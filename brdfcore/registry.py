@@ -67,7 +67,12 @@ MODELS = Registry(
     {
         "lambert": "brdfcore.models.lambert:Lambert",
         "mirror": "brdfcore.models.mirror:Mirror",
+        "phong": "brdfcore.models.phong:Phong",
+        "blinn_phong": "brdfcore.models.blinn_phong:BlinnPhong",
+        "ward": "brdfcore.models.ward:Ward",
         "cook_torrance": "brdfcore.models.cook_torrance:CookTorrance",
+        "ggx": "brdfcore.models.ggx:GGX",
+        "oren_nayar": "brdfcore.models.oren_nayar:OrenNayar",
     },
 )
 
@@ -75,6 +80,7 @@ REPRESENTATIONS = Registry(
     "representation",
     {
         "angle_grid": "brdfcore.tables.angle_grid:AngleGrid",
+        "half_difference": "brdfcore.tables.half_difference:HalfDifference",
         "vndf_warp": "brdfcore.tables.vndf_warp:VndfWarp",
     },
 )

@@ -1,27 +1,44 @@
-"""f_r at given angles: GET with lists in the query, POST with JSON."""
+"""f_r at given angles: GET with lists in the query, POST with JSON, plain numbers or a .npy file."""
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from anyio.to_thread import run_sync
 from fastapi import APIRouter
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
 from app.addressing import Address
-from app.bodies import read_json_body
-from app.codecs import AngleRequest, angles_from_json, check_size, checked, evaluate_to_json
+from app.angles import AngleRequest, Unit, check_points, check_values
+from app.answers import Evaluated, answer
+from app.binary import angles_from_npy, angles_from_octets
+from app.bodies import read_array, read_bytes
+from app.json_codec import angles_from_json
+from app.lean import Lean
 from app.library import Material
+from app.negotiation import MEDIA_TYPES, Kind, kind_of_answer, kind_of_body
 from app.openapi import answers, parameters, ref
-from app.query import ANGLES, QueryParameter, parse_numbers, parse_query
+from app.query import ANGLES, OUTSIDE, QueryParameter, choice, flag, parse_numbers, parse_query
 from app.schemas import EvaluateAnswer, EvaluateRequest
-from app.settings import Settings
-from app.state import state_of
+from app.state import State, state_of
 
-#: Answers of up to this many values are made in the event loop: a thread would cost more than they do.
-INLINE_VALUES = 1024
-#: Bodies of up to this many bytes are parsed in the event loop.
-INLINE_BODY = 32 * 1024
+#: Answers of up to this many values are made in the event loop: a thread would cost more than they do. Tables are
+#: compiled loops, and up to here not parallel ones; a model may take a microsecond a value.
+INLINE_VALUES = {"table": 8000, "model": 1024}
+#: JSON bodies of up to this many bytes are parsed in the event loop: some 2,000 points, a fraction of a millisecond.
+INLINE_BODY = 128 * 1024
+#: Answers of more values than this are made a few at a time.
+LARGE_VALUES = 250_000
 
+STATUS = QueryParameter(
+    "status",
+    "true: say for each point whether its value is measured, interpolated, extrapolated, filled or outside",
+    flag,
+    {"type": "string", "enum": ["true", "false"]},
+    default=False,
+)
 QUERY = (
     QueryParameter(
         "theta_i", "polar angle(s) of the light, from the normal, at most 90°", parse_numbers, example="30,45"
@@ -31,8 +48,117 @@ QUERY = (
     ),
     QueryParameter("delta_phi", "phi_o - phi_i; mirror direction at 180°", parse_numbers, example="180"),
     ANGLES,
+    OUTSIDE,
+    STATUS,
 )
-_ANSWER = {"application/json": {"schema": ref(EvaluateAnswer)}}
+POST_QUERY = (
+    QueryParameter(
+        "angles",
+        "unit of the angles: degrees or radians; default: what a JSON body says, else degrees",
+        choice("deg", "rad"),
+        {"type": "string", "enum": ["deg", "rad"]},
+        default=None,
+    ),
+    QueryParameter(
+        "dtype",
+        "of an octet-stream body, little-endian: f4 (answered in f4) or f8",
+        choice("f4", "f8"),
+        {"type": "string", "enum": ["f4", "f8"]},
+        default=None,
+    ),
+    OUTSIDE,
+    STATUS,
+)
+_BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
+_ANSWER = {
+    MEDIA_TYPES["json"]: {"schema": ref(EvaluateAnswer)},
+    MEDIA_TYPES["octet"]: _BYTES,
+    MEDIA_TYPES["npy"]: _BYTES,
+}
+_BODY = {
+    MEDIA_TYPES["json"]: {"schema": ref(EvaluateRequest)},
+    MEDIA_TYPES["octet"]: _BYTES,
+    MEDIA_TYPES["npy"]: _BYTES,
+}
+_GET_REFUSALS = (404, 406, 409, 413, 503)
+_POST_REFUSALS = (400, 404, 406, 408, 409, 413, 415, 503)
+
+
+async def evaluate_get(request: Request, address: Address) -> Response:
+    """Answer a GET."""
+    state = state_of(request)
+    given = parse_query(request.scope["query_string"], QUERY)
+    angles = AngleRequest(
+        given["theta_i"], given["theta_o"], given["delta_phi"], given["angles"], outside=given["outside"]
+    )
+    kind = kind_of_answer(request.headers, "json")
+    found = await address.find(request)
+    headers = found.headers(request, MEDIA_TYPES[kind])
+    headers["vary"] = "Accept"
+    # angles are only checked while they are evaluated; a wrong question still gets no 304, as its ETag was never
+    # given out
+    return found.unchanged(request, headers) or await _answer(
+        request, state, found.material, angles, kind, given["status"], headers
+    )
+
+
+async def evaluate_post(request: Request, address: Address) -> Response:
+    """Answer a POST."""
+    state = state_of(request)
+    given = parse_query(request.scope["query_string"], POST_QUERY)
+    sent = kind_of_body(request.headers)
+    kind = kind_of_answer(request.headers, sent)
+    found = await address.find(request)
+    angles = await _angles(request, sent, given, state)
+    headers = {"cache-control": "no-store"}
+    return await _answer(request, state, found.material, angles, kind, given["status"], headers)
+
+
+HANDLERS: dict[str, Callable[[Request, Address], Awaitable[Response]]] = {"GET": evaluate_get, "POST": evaluate_post}
+
+
+async def _angles(request: Request, sent: Kind, given: dict[str, Any], state: State) -> AngleRequest:
+    settings = state.settings
+    limit, seconds = settings.max_body_bytes, settings.body_seconds
+    unit: Unit = given["angles"] or "deg"
+    if sent == "octet":
+        body = await read_array(request, limit, seconds)
+        return angles_from_octets(body, given["dtype"] or "f8", unit, given["outside"], settings)
+    if sent == "npy":
+        body = await read_array(request, limit, seconds)
+        return angles_from_npy(body, given["dtype"], unit, given["outside"], settings)
+    text = await read_bytes(request, limit, seconds)
+    if len(text) <= INLINE_BODY:
+        return angles_from_json(text, given["angles"], given["outside"])
+    return await run_sync(angles_from_json, text, given["angles"], given["outside"], limiter=state.working)
+
+
+async def _answer(
+    request: Request,
+    state: State,
+    material: Material,
+    angles: AngleRequest,
+    kind: Kind,
+    status: bool,
+    headers: dict[str, str],
+) -> Response:
+    points = angles.points
+    check_points(points, state.settings)
+    values = points * len(material.brdf.channels)
+    check_values(values, state.settings)
+    made: Evaluated
+    if (
+        values <= INLINE_VALUES[material.facts["kind"]] and state.ready
+    ):  # before that a kernel may have to be compiled first
+        made = answer(material, angles, kind, status)
+    else:
+        limiter = state.large if values > LARGE_VALUES else state.working
+        made = await run_sync(answer, material, angles, kind, status, limiter=limiter)
+    state.metrics.lookups += points
+    state.metrics.lookup_seconds += made.seconds
+    request.scope["brdf.lookup_seconds"] = made.seconds
+    headers.update(made.headers)
+    return Lean(made.body, headers, MEDIA_TYPES[kind])
 
 
 def evaluate_routes(address: Address) -> APIRouter:
@@ -42,52 +168,31 @@ def evaluate_routes(address: Address) -> APIRouter:
     @router.get(
         f"{address.prefix}/evaluate",
         summary="f_r at the angles of the query",
-        description="Lists are separated by commas and broadcast as in numpy: equal lengths, or one value for all.",
+        description="Lists are separated by commas and broadcast as in numpy: equal lengths, or one value for all. "
+        "The Accept header picks JSON, plain numbers or .npy.",
         operation_id=f"evaluate_get_{address.label}",
-        responses=answers(_ANSWER, "values[point][channel]", (404, 409, 413, 503), cached=True),
+        responses=answers(_ANSWER, "values[point][channel]", _GET_REFUSALS, cached=True),
         openapi_extra=parameters(QUERY, [address.parameter]),
     )
-    async def evaluate_get(request: Request) -> Response:
-        settings = state_of(request).settings
-        given = parse_query(request.scope["query_string"], QUERY)
-        angles = AngleRequest(given["theta_i"], given["theta_o"], given["delta_phi"], given["angles"])
-        checked(angles, settings)
-        found = await address.find(request)
-        headers = found.headers(request)
-        # angles are only checked while they are evaluated; a wrong question still gets no 304, as its ETag was
-        # never given out
-        return found.unchanged(request, headers) or await _answer(found.material, angles, settings, headers)
+    async def get(request: Request) -> Response:
+        return await evaluate_get(request, address)
 
     @router.post(
         f"{address.prefix}/evaluate",
-        summary="f_r at the angles of a JSON body",
-        description="For lists too long for a URL.",
+        summary="f_r at the angles of the body",
+        description="For lists too long for a URL. JSON; or an octet-stream of three C-order rows theta_i, theta_o, "
+        "delta_phi; or a .npy file of shape (3, n). The Accept header picks the kind of the answer, by default the "
+        "body's own: JSON; an octet-stream of values[point][channel]; or a .npy file. With status=true one byte a "
+        "point follows the values, or a second .npy. The headers X-Brdf-Shape, -Dtype, -Channels, -Angles, -Id, "
+        "-Error and -Has-Delta say the rest.",
         operation_id=f"evaluate_post_{address.label}",
-        responses=answers(_ANSWER, "values[point][channel]", (400, 404, 409, 413, 415, 503), cached=False),
+        responses=answers(_ANSWER, "values[point][channel]", _POST_REFUSALS, cached=False),
         openapi_extra={
-            **parameters((), [address.parameter]),
-            "requestBody": {"required": True, "content": {"application/json": {"schema": ref(EvaluateRequest)}}},
+            **parameters(POST_QUERY, [address.parameter]),
+            "requestBody": {"required": True, "content": _BODY},
         },
     )
-    async def evaluate_post(request: Request) -> Response:
-        settings = state_of(request).settings
-        parse_query(request.scope["query_string"], ())
-        found = await address.find(request)
-        body = await read_json_body(request, settings.max_body_bytes)
-        if len(body) <= INLINE_BODY:
-            angles = angles_from_json(body, settings)
-        else:
-            angles = await run_in_threadpool(angles_from_json, body, settings)
-        return await _answer(found.material, angles, settings, {"cache-control": "no-store"})
+    async def post(request: Request) -> Response:
+        return await evaluate_post(request, address)
 
     return router
-
-
-async def _answer(material: Material, angles: AngleRequest, settings: Settings, headers: dict[str, str]) -> Response:
-    values = angles.points * len(material.brdf.channels)
-    check_size(values, settings)
-    if values <= INLINE_VALUES:
-        body = evaluate_to_json(material, angles)
-    else:
-        body = await run_in_threadpool(evaluate_to_json, material, angles)
-    return Response(body, 200, headers, media_type="application/json")

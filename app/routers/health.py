@@ -1,4 +1,4 @@
-"""Is the process there, and may it be sent work?"""
+"""Is the process there, may it be sent work, and what has it done?"""
 
 from __future__ import annotations
 
@@ -41,3 +41,30 @@ async def ready(request: Request) -> Response:
             "warming_up", "the kernels are being compiled; it answers already, but slowly", retry_after=1
         )
     return JSONResponse({"status": "ready", "version": bc.__version__})
+
+
+metrics_router = APIRouter(tags=["health"])
+
+
+@metrics_router.get(
+    "/metrics",
+    summary="counters for Prometheus",
+    operation_id="metrics",
+    responses=answers({"text/plain": {"schema": {"type": "string"}}}, "text format 0.0.4", (), cached=False),
+)
+async def metrics(request: Request) -> Response:
+    parse_query(request.scope["query_string"], ())
+    state = state_of(request)
+    library, jobs = state.library, state.jobs.counts()
+    gauges = {
+        "brdf_table_bytes": ("bytes of the tables in memory", library.loaded_bytes),
+        "brdf_tables_loaded": ("materials in memory", library.loaded),
+        "brdf_jobs_running": ("jobs that run", jobs["running"]),
+        "brdf_jobs_waiting": ("jobs that wait", jobs["queued"] + jobs["receiving"]),
+        "brdf_ready": ("1 once the kernels are compiled", int(state.ready)),
+    }
+    counters = {
+        "brdf_cache_hits_total": ("requests whose material was in memory", library.hits),
+        "brdf_cache_misses_total": ("requests whose material was read from its file", library.misses),
+    }
+    return Response(state.metrics.text(gauges, counters), 200, media_type="text/plain; version=0.0.4; charset=utf-8")

@@ -11,9 +11,10 @@ from starlette.responses import Response
 
 from app.addressing import BY_NAME_ADDRESS, Address
 from app.caching import BY_NAME, etag_of, not_modified
-from app.codecs import to_json
+from app.json_codec import to_json
 from app.openapi import answers, parameters, ref
 from app.query import QueryParameter, parse_query, whole_number
+from app.routers.albedo import albedo_routes
 from app.routers.evaluate import evaluate_routes
 from app.routers.slices import slice_routes
 from app.schemas import MaterialLine, MaterialList
@@ -51,6 +52,7 @@ def links(name: str, facts: dict[str, Any]) -> dict[str, str]:
         "page": f"/materials/{name}",
         "evaluate": f"{by_name}/evaluate",
         "slice": f"{by_name}/slice.svg?theta_i=30,60",
+        "albedo": f"{by_name}/albedo?theta_i=0,30,60",
         "permanent": by_id,
         "permanent_slice": f"{by_id}/slice.svg?theta_i=30,60",
     }
@@ -124,5 +126,5 @@ def _list_route() -> APIRouter:
 
 router = APIRouter()
 router.include_router(_list_route())
-for _part in (metadata_route, evaluate_routes, slice_routes):
+for _part in (metadata_route, evaluate_routes, slice_routes, albedo_routes):
     router.include_router(_part(BY_NAME_ADDRESS))

@@ -18,7 +18,7 @@ from app.addressing import by_name
 from app.caching import BY_NAME, not_modified
 from app.errors import NotFoundError
 from app.query import QueryParameter, choice, parse_query, text, whole_number
-from app.security import PAGE_POLICY
+from app.security import NO_REFERRER, PAGE_POLICY
 from app.state import state_of
 from app.templates import Html, fill, join, web_file
 
@@ -120,7 +120,9 @@ async def static(request: Request) -> Response:
 
 
 def _page(request: Request, page: Html) -> Response:
-    return _cached(request, page.encode(), "text/html; charset=utf-8", {"content-security-policy": PAGE_POLICY})
+    return _cached(
+        request, page.encode(), "text/html; charset=utf-8", {"content-security-policy": PAGE_POLICY, **NO_REFERRER}
+    )
 
 
 def _cached(request: Request, body: bytes, media_type: str, headers: Mapping[str, str]) -> Response:
@@ -267,15 +269,20 @@ def _operation(method: str, path: str, operation: Mapping[str, Any], schemas: Ma
         )
         for p in operation.get("parameters", [])
     ]
-    for body in operation.get("requestBody", {}).get("content", {}).values():
+    for media_type, body in operation.get("requestBody", {}).get("content", {}).items():
+        if "$ref" not in body["schema"]:
+            parameters.append(
+                fill("docs_parameter.html", name="body", where=media_type, need="", description="see the description")
+            )
+            continue
         schema = schemas[body["schema"]["$ref"].rpartition("/")[2]]
         parameters += [
             fill(
                 "docs_parameter.html",
                 name=name,
                 where="body, JSON",
-                need="required" if name in schema["required"] else f"default: {field['default']}",
-                description=field["description"],
+                need="required" if name in schema["required"] else f"default: {field.get('default')}",
+                description=field.get("description", ""),
             )
             for name, field in schema["properties"].items()
         ]

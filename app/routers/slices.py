@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -13,12 +14,13 @@ from starlette.responses import Response
 
 import brdfcore as bc
 from app.addressing import Address
-from app.codecs import AngleRequest, Array, Unit, check_size, in_radians, in_request_units, to_json
+from app.angles import AngleRequest, Array, Unit, check_values, in_radians, in_request_units
+from app.json_codec import to_json
 from app.library import Material
 from app.openapi import answers, parameters, ref
 from app.query import ANGLES, QueryParameter, choice, parse_numbers, parse_query, text
 from app.schemas import SliceAnswer
-from app.security import SVG_POLICY
+from app.security import NO_REFERRER, SVG_POLICY
 from app.settings import Settings
 from app.state import state_of
 
@@ -99,30 +101,41 @@ def _add(router: APIRouter, address: Address, format: Format) -> None:
     async def slice_get(request: Request) -> Response:
         state = state_of(request)
         asked = SliceRequest(**{"scale": "linear", **parse_query(request.scope["query_string"], query)})
-        _check_count(asked, state.settings)
+        check_theta_i(asked.theta_i, state.settings)
+        _check_view(asked)
         found = await address.find(request)
+        if format in ("json", "csv"):
+            channels = 1 if asked.channel is not None else len(found.material.brdf.channels)
+            check_values(_directions(asked.view) * asked.theta_i.size * channels, state.settings)
         headers = found.headers(request)
         if format == "svg":
-            headers["content-security-policy"] = SVG_POLICY
+            headers |= {"content-security-policy": SVG_POLICY, **NO_REFERRER}
         unchanged = found.unchanged(request, headers)
         if unchanged is not None:
             return unchanged
-        work = _draw if format in ("svg", "png") else _list
-        body = await run_sync(
-            work, found.material, asked, format, state.settings, limiter=state.drawing, abandon_on_cancel=False
-        )
-        return Response(body, 200, headers, media_type=media_type)
+        if format in ("json", "csv"):
+            body = await run_sync(_list, found.material, asked, format, limiter=state.working)
+            return Response(body, 200, headers, media_type=media_type)
+        held = state.pictures.get(headers["etag"])
+        if held is None:
+            held = await run_sync(_draw, found.material, asked, format, limiter=state.drawing)
+            state.pictures.put(headers["etag"], held, len(held))
+        return Response(held, 200, headers, media_type=media_type)
 
 
-def _check_count(asked: SliceRequest, settings: Settings) -> None:
-    if asked.theta_i.size > settings.max_theta_i:
+def check_theta_i(theta_i: Array, settings: Settings) -> None:
+    """`LimitError` if there are more angles of incidence than the service takes in one request."""
+    if theta_i.size > settings.max_theta_i:
         raise bc.LimitError(
             "too_many_slices",
-            f"{asked.theta_i.size} angles of incidence; the limit is {settings.max_theta_i}",
+            f"{theta_i.size} angles of incidence; the limit is {settings.max_theta_i}",
             where="theta_i",
-            got=asked.theta_i.size,
+            got=theta_i.size,
             limit=settings.max_theta_i,
         )
+
+
+def _check_view(asked: SliceRequest) -> None:
     if asked.view == "hemisphere" and asked.theta_i.size != 1:
         raise bc.InputError(
             "wrong_number",
@@ -133,7 +146,14 @@ def _check_count(asked: SliceRequest, settings: Settings) -> None:
         )
 
 
-def _draw(material: Material, asked: SliceRequest, format: Format, settings: Settings) -> bytes:
+@cache
+def _directions(view: Literal["polar", "hemisphere"]) -> int:
+    """Directions of the viewer in one slice; the library picks as many for every material and angle."""
+    values: Array = bc.slice(bc.model("lambert"), 0.5, view=view).values
+    return int(values.size)
+
+
+def _draw(material: Material, asked: SliceRequest, format: Format) -> bytes:
     brdf, theta_i = material.brdf, in_radians(asked.theta_i, asked.angles)
     looks: dict[str, Any] = {"scale": asked.scale, "channel": asked.channel, "title": material.name}
     try:
@@ -147,13 +167,12 @@ def _draw(material: Material, asked: SliceRequest, format: Format, settings: Set
     return drawn
 
 
-def _list(material: Material, asked: SliceRequest, format: Format, settings: Settings) -> bytes:
+def _list(material: Material, asked: SliceRequest, format: Format) -> bytes:
     theta_i = in_radians(asked.theta_i, asked.angles)
     try:
         data = bc.slice(material.brdf, theta_i, view=asked.view, channel=asked.channel)
     except bc.InputError as error:
         raise _explained(error, asked) from error
-    check_size(data.values.size, settings)
     if format == "csv":
         return str(data.to_csv(asked.angles)).encode()
     return to_json(data.to_json(asked.angles))

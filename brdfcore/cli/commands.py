@@ -168,7 +168,7 @@ def info(source: Source, json: Json = False) -> None:
     line(source, style="bold")
     facts({"built from" if k == "source" else k: v for k, v in described.items()})
     if error is not None:
-        for text in error_lines(error):
+        for text in error_lines(error, b.has_delta):
             line(text)
         for text in error.get("warnings", ()):
             line(f"warning: {text}")

@@ -15,7 +15,6 @@ from brdfcore.cli.output import (
     as_json,
     bytes_text,
     error_lines,
-    error_warnings,
     facts,
     line,
     percent,
@@ -92,10 +91,10 @@ def tabulate(
     largest = max(shapes.values(), key=lambda s: _product(s), default=[])
     line(f"{out}: {table.name}, {' x '.join(map(str, largest))}, {bytes_text(table.nbytes)}, {seconds:.2f} s")
     line(f"id {table.id}")
-    for text in error_lines(table.error):
+    for text in error_lines(table.error, table.has_delta):
         line(text)
     facts({"done": table.report.get("done", [])})
-    for text in error_warnings(table.error):
+    for text in table.error["warnings"]:
         warn(text)
 
 
@@ -149,6 +148,31 @@ def serve(
     max_body_bytes: Annotated[
         str | None, typer.Option(metavar="BYTES", help="Largest request body, e.g. 64MiB.", show_default=False)
     ] = None,
+    body_seconds: Annotated[
+        float | None, typer.Option(help="In which a request body must arrive.", show_default=False)
+    ] = None,
+    max_values: Annotated[
+        int | None, typer.Option(help="Most values of an answer, points x channels.", show_default=False)
+    ] = None,
+    max_theta_i: Annotated[
+        int | None, typer.Option(help="Most angles of incidence of a slice.", show_default=False)
+    ] = None,
+    max_upload_bytes: Annotated[
+        str | None, typer.Option(metavar="BYTES", help="Largest upload, e.g. 256MiB.", show_default=False)
+    ] = None,
+    upload_seconds: Annotated[
+        float | None, typer.Option(help="In which an upload must arrive.", show_default=False)
+    ] = None,
+    max_table_bytes: Annotated[
+        str | None, typer.Option(metavar="BYTES", help="Largest table that a request makes.", show_default=False)
+    ] = None,
+    job_seconds: Annotated[
+        int | None, typer.Option(help="Processor time of an upload or tabulation.", show_default=False)
+    ] = None,
+    job_memory_bytes: Annotated[
+        str | None, typer.Option(metavar="BYTES", help="Memory of an upload or tabulation.", show_default=False)
+    ] = None,
+    allow_hdf5: Annotated[bool, typer.Option("--allow-hdf5", help="Take uploads of HDF5 table files.")] = False,
     allowed_hosts: Annotated[
         str | None, typer.Option(metavar="NAMES", help="Host names to answer to, comma-separated.", show_default=False)
     ] = None,
@@ -169,9 +193,18 @@ def serve(
         data=data,
         starter=False if no_starter else None,
         log_level=log_level,
-        cache_bytes=None if cache_bytes is None else arguments.byte_count("--cache-bytes", cache_bytes),
+        cache_bytes=_bytes("--cache-bytes", cache_bytes),
         max_points=max_points,
-        max_body_bytes=None if max_body_bytes is None else arguments.byte_count("--max-body-bytes", max_body_bytes),
+        max_body_bytes=_bytes("--max-body-bytes", max_body_bytes),
+        body_seconds=body_seconds,
+        max_values=max_values,
+        max_theta_i=max_theta_i,
+        max_upload_bytes=_bytes("--max-upload-bytes", max_upload_bytes),
+        upload_seconds=upload_seconds,
+        max_table_bytes=_bytes("--max-table-bytes", max_table_bytes),
+        job_seconds=job_seconds,
+        job_memory_bytes=_bytes("--job-memory-bytes", job_memory_bytes),
+        allow_hdf5=True if allow_hdf5 else None,
         allowed_hosts=allowed_hosts,
         drain_seconds=drain_seconds,
     )
@@ -199,8 +232,9 @@ Examples:
   brdf convert gold.h5 copy.h5 --force --json""",
     serve: """Serve a folder of materials over HTTP, with pictures for a browser at the address it prints.
 
-An empty folder is filled with a starter library first. A setting is a flag or a BRDF_* variable (BRDF_DATA_DIR,
-BRDF_PORT, ...); BRDF_API_KEY protects what others can reach. Stop it with Ctrl-C.
+An empty folder is filled with a starter library first. A setting is a flag, or a variable: --max-points is
+BRDF_MAX_POINTS, and so on; --data is BRDF_DATA_DIR, --no-starter BRDF_STARTER=0. BRDF_API_KEY is a variable only: the
+key that storing and deleting take. Without it others than this machine can only read. Stop it with Ctrl-C.
 
 \b
 Examples:
@@ -221,6 +255,10 @@ def add_to(app: typer.Typer) -> None:
     """Register the commands of this module."""
     for command, text in _HELP.items():
         app.command(help=text, short_help=_SHORT[command])(command)
+
+
+def _bytes(flag: str, text: str | None) -> int | None:
+    return None if text is None else arguments.byte_count(flag, text)
 
 
 def _may_write(path: Path, force: bool) -> None:

@@ -13,9 +13,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from brdfcore.parameters import Parameter
 
-#: L1 above which a hint what to try is added to the table's own warnings.
-BAD_L1 = 0.05
-
 
 def line(text: str = "", style: str | None = None) -> None:
     """One line to stdout as it is: no markup, no wrapping; bold and the like on a terminal only."""
@@ -122,22 +119,28 @@ def _range(p: Parameter) -> str:
     return p.range_text() + (f" {p.unit}" if p.unit else "")
 
 
-def error_lines(error: Mapping[str, Any]) -> Iterator[str]:
-    """A table's measured error in plain words."""
+def error_lines(error: Mapping[str, Any], has_delta: bool = False) -> Iterator[str]:
+    """A table's measured error in plain words; that of the mirror part if it has one, or if it is not 0."""
     if not error:
         yield "measured error: none recorded; only tabulate measures it, against what it tabulates"
         return
-    yield f"error, measured on {error.get('directions', 0):,} random directions (seed {error.get('seed')}):"
+    yield f"error, measured on {error.get('directions') or 0:,} random directions (seed {error.get('seed')}):"
     l1 = error.get("l1")
-    if l1 is None:
+    if l1 is None and error.get("regular", bool(error.get("nan"))):
+        yield "  L1               can't be told: values are not finite"
+    elif l1 is None:
         yield "  L1               has no meaning: the source has no regular part"
     else:
         yield (
             f"  L1               {percent(l1)} ± {percent(error.get('l1_stderr') or 0.0)}"
             " of the reflected energy is misplaced"
         )
+    delta = error.get("delta")
+    if has_delta or delta:
+        off = "not finite" if delta is None else f"{delta:.2g} of the light at its worst angle"
+        yield f"  mirror part      {off}: the error of its reflectance"
     bias = error.get("albedo_bias") or {}
-    pairs = [(t, x) for t, x in zip(bias.get("theta_i", []), bias.get("bias", [])) if x is not None]
+    pairs = [(t, x) for t, x in zip(bias.get("theta_i", []), bias.get("bias", [])) if t is not None and x is not None]
     if pairs:
         theta, worst = max(pairs, key=lambda pair: abs(pair[1]))
         where = f"theta_i = {math.degrees(theta):.4g} degrees"
@@ -162,16 +165,3 @@ def percent(share: float, signed: bool = False) -> str:
 
 def _factor(log: float) -> str:
     return f"{math.exp(log):.4g}" if log < 300 else "> 1e130"
-
-
-def error_warnings(error: Mapping[str, Any]) -> list[str]:
-    """The table's own warnings, and what to try if it is bad."""
-    said = [str(w) for w in error.get("warnings", ())]
-    l1 = error.get("l1")
-    if l1 is not None and l1 > BAD_L1:
-        if not said:
-            said.append(f"this table misplaces {100 * l1:.0f} % of the energy (L1 = {l1:.3g})")
-        said.append(
-            "try a larger --shape or --max-bytes, --representation vndf_warp for a sharp lobe, or --tolerance 0.01"
-        )
-    return said

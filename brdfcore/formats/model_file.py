@@ -53,8 +53,9 @@ class ModelFormat(Format):
         unknown = sorted(set(content) - _KEYS)
         if unknown or not isinstance(parameters, dict) or not isinstance(about, str):
             raise _bad(path, f"expected 'model', an object 'parameters' and a text 'about'; unknown: {unknown!r:.100}")
-        if "name" in parameters:  # would collide with the name of the model
-            raise _bad(path, "no model has a parameter 'name'")
+        for clash in ("name", "self"):  # would collide with arguments of `model` and of the class
+            if clash in parameters:
+                raise _bad(path, f"no model has a parameter {clash!r}")
         try:
             brdf = model(content["model"], **parameters)
         except BrdfError as error:

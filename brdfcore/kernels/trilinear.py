@@ -1,7 +1,7 @@
 """Trilinear look-ups in a table over (theta_i, theta_o, delta_phi) with uniform nodes.
 
 Each kernel has a numpy twin of the same signature and bits. All return the number of inputs outside the plain
-domain (theta outside [0, THETA_MAX], |delta_phi| > 3 pi, NaN); such points get a value that means nothing and
+domain (theta outside [0, pi/2] of its type, |delta_phi| > 3 pi, NaN); such points get a value that means nothing and
 no read leaves the table.
 
 Arguments: theta_i, theta_o, delta_phi (n,) of one float dtype; table float32, flat, C order (n_i, n_o, n_d,
@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.conventions import DELTA_PHI_DIRECT, THETA_MAX, FloatArray
-from brdfcore.kernels.jit import kernel, prange
-from brdfcore.kernels.vectorised import inlined, load, load_pair, store
+from brdfcore.conventions import DELTA_PHI_DIRECT, HALF_PI, FloatArray
+from brdfcore.kernels.jit import inline, kernel, prange
+from brdfcore.kernels.vectorised import load, load_pair, store
 
 
 class GridScale(NamedTuple):
@@ -51,13 +51,13 @@ def grid_scale(shape: tuple[int, int, int], bilateral: bool, dtype: npt.DTypeLik
         n_d - 1,
         np.pi,
         2 * np.pi,
-        THETA_MAX,
+        HALF_PI,
         DELTA_PHI_DIRECT,
     )
     return GridScale(*(number(v) for v in values))
 
 
-@inlined
+@inline
 def _place(theta_i, theta_o, delta_phi, scale, bilateral):
     """Cell and position in it of one pair of directions: inside, i, j, l, u, v, w."""
     # a comparison with NaN is false, so NaN counts as outside
@@ -78,7 +78,7 @@ def _place(theta_i, theta_o, delta_phi, scale, bilateral):
     return inside, i, j, l, x - np.float32(i), y - np.float32(j), z - np.float32(l)
 
 
-@inlined
+@inline
 def _mix(low_0, low_1, high_0, high_1, u, v):
     """Along theta_o, then along theta_i."""
     low = low_0 + v * (low_1 - low_0)
@@ -105,7 +105,7 @@ def trilinear_one(theta_i, theta_o, delta_phi, table, out, scale, step_i, step_o
     return outside
 
 
-@inlined
+@inline
 def _three(table, p, w):
     """Three channels between two nodes: six neighbouring numbers."""
     r0, g0 = load_pair(table, p, w)
@@ -157,7 +157,7 @@ def trilinear_many(theta_i, theta_o, delta_phi, table, out, scale, step_i, step_
     return outside
 
 
-@inlined
+@inline
 def _along(table, p, channels, w):
     """One channel between two nodes, in the type of w."""
     one = w - w + np.float32(1)

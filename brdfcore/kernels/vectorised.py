@@ -13,15 +13,11 @@ from __future__ import annotations
 
 import sys
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload
-
-# The vectoriser sees a loop only as far as it has no calls: helpers are inlined before the compiler looks at it.
-inlined = numba.njit(nogil=True, error_model="numpy", inline="always")
 
 
 def _tables_scope(builder):
@@ -44,7 +40,7 @@ def load(typing_context, array, index):
         value.set_metadata("alias.scope", _tables_scope(builder))
         return value
 
-    return array.dtype(array, types.intp), generate
+    return array.dtype(array, index), generate
 
 
 @intrinsic
@@ -65,7 +61,56 @@ def load_pair(typing_context, array, index, like):
             parts = [builder.fpext(part, ir.DoubleType()) for part in parts]
         return context.make_tuple(builder, signature.return_type, parts)
 
-    return types.UniTuple(like, 2)(array, types.intp, like), generate
+    return types.UniTuple(like, 2)(array, index, like), generate
+
+
+@intrinsic
+def load_halves(typing_context, array, index, like):
+    """Two neighbouring float16 of an int16 array, divided by 2^112, in the type of `like`, by one 32-bit load.
+
+    The bits of a float16 moved to where float32 has them are its value times 2^-112, subnormal numbers included:
+    the caller multiplies once, by a constant, instead of each value being converted.
+    """
+
+    def generate(context, builder, signature, args):
+        pointer = _element(context, builder, signature.args[0], args[0], args[1])
+        wide = builder.bitcast(pointer, ir.IntType(32).as_pointer())
+        pair = builder.load(wide, align=2, typ=ir.IntType(32))
+        pair.set_metadata("alias.scope", _tables_scope(builder))
+        word = ir.IntType(32)
+        low = builder.shl(pair, ir.Constant(word, 16))
+        parts = [low, pair] if sys.byteorder == "little" else [pair, low]
+        found = []
+        for part in parts:
+            # arithmetic shift: the sign stays in front; then only sign, exponent and fraction are kept
+            moved = builder.and_(builder.ashr(part, ir.Constant(word, 3)), ir.Constant(word, 0x8FFFE000))
+            value = builder.bitcast(moved, ir.FloatType())
+            found.append(builder.fpext(value, ir.DoubleType()) if signature.args[2] == types.float64 else value)
+        return context.make_tuple(builder, signature.return_type, found)
+
+    return types.UniTuple(like, 2)(array, index, like), generate
+
+
+@intrinsic
+def count_unless(typing_context, count, condition):
+    """count + 1 if not `condition`, as int32: a 64-bit sum would halve the width of the whole loop's vectors."""
+
+    def generate(context, builder, signature, args):
+        word = ir.IntType(32)
+        step = builder.select(args[1], ir.Constant(word, 0), ir.Constant(word, 1))
+        return builder.add(args[0], step)
+
+    return types.int32(types.int32, types.boolean), generate
+
+
+@intrinsic
+def float_bits(typing_context, x):
+    """The bits of a float32 as an int32; for x > 0 they ascend with x, 2^23 to the octave."""
+
+    def generate(context, builder, signature, args):
+        return builder.bitcast(args[0], ir.IntType(32))
+
+    return types.int32(types.float32), generate
 
 
 @intrinsic

@@ -14,7 +14,7 @@ of the sample square, C channels:
     warp         (K, n_y, n_x, 2)  density of visible normals; its integral along the row up to that node
     rows         (K, n_y, 2)     integral of each row; integral over the rows up to it
 
-All kernels return the number of inputs outside the plain domain (theta outside [0, THETA_MAX], |delta_phi| >
+All kernels return the number of inputs outside the plain domain (theta outside [0, pi/2] of its type, |delta_phi| >
 3 pi, NaN); such points are looked up at theta = 0, so no read leaves the tables.
 """
 
@@ -25,9 +25,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.conventions import DELTA_PHI_DIRECT, HALF_PI, PI_LO, THETA_MAX, FloatArray
-from brdfcore.kernels.jit import inline, kernel, prange
-from brdfcore.kernels.vectorised import atan, inlined, load, load_pair, sin, store
+from brdfcore.conventions import DELTA_PHI_DIRECT, HALF_PI, PI_LO, FloatArray
+from brdfcore.kernels.jit import inline, kernel, merged, prange
+from brdfcore.kernels.vectorised import atan, load, load_pair, sin, store
 
 #: cos of the float64 nearest pi/2, the horizon. float32's pi/2 lies beyond it and means the same direction.
 HORIZON_COS = 6.123233995736766e-17
@@ -78,7 +78,7 @@ def warp_scale(
         *(half_pi, (HALF_PI - half_pi) + 0.5 * PI_LO, np.pi),
         *_PI_PARTS,
         *(1 / (2 * np.pi), 2 / np.pi, HORIZON_COS),
-        *(THETA_MAX, DELTA_PHI_DIRECT),
+        *(HALF_PI, DELTA_PHI_DIRECT),
         *(index / HALF_PI, index - 1, slices - 1),
         *(n_x - 1, n_y - 1, 1 / (n_x - 1), 1 / (n_y - 1)),
         *(samples - 1, sigma - 1, ndf - 1),
@@ -107,7 +107,7 @@ def theta_index(theta_nodes: npt.NDArray[np.float32]) -> npt.NDArray[np.int32] |
 # ---- one point ------------------------------------------------------------------------------------
 
 
-@inlined
+@merged
 def _locate(a, b, c, theta_nodes, theta_index, sigma, ndf, warp, rows, scale):
     """Sample-square cell and factors of one pair (a, b, c) = (theta_i, theta_o, delta_phi).
 
@@ -222,7 +222,7 @@ def _locate(a, b, c, theta_nodes, theta_index, sigma, ndf, warp, rows, scale):
     return inside, k, np.int64(row), np.int64(column), w, s - column, t - row, factor
 
 
-@inlined
+@merged
 def _linear(table, u, last, scale):
     """Neighbours of position u in [0, 1] in a table over a uniform axis, and the fraction between them."""
     x = u * last
@@ -233,7 +233,7 @@ def _linear(table, u, last, scale):
     return low, high, x - i
 
 
-@inlined
+@merged
 def _blend(table, p, next_slice, w):
     """The pair at p, linear between two slices."""
     low_a, low_b = load_pair(table, p, w)
@@ -241,7 +241,7 @@ def _blend(table, p, next_slice, w):
     return low_a + (high_a - low_a) * w, low_b + (high_b - low_b) * w
 
 
-@inlined
+@merged
 def _three(spectra, k, row, column, w, s, t, scale):
     """The three channels at one point: six neighbouring numbers a row of the cell."""
     n = np.int64(scale.last_sample) + 1
@@ -256,7 +256,7 @@ def _three(spectra, k, row, column, w, s, t, scale):
     return r0 + (r1 - r0) * w, g0 + (g1 - g0) * w, b0 + (b1 - b0) * w
 
 
-@inlined
+@merged
 def _cell(spectra, p, q, weight_00, weight_10, weight_01, weight_11):
     r00, g00 = load_pair(spectra, p, weight_00)
     b00, r10 = load_pair(spectra, p + 2, weight_00)
@@ -271,7 +271,7 @@ def _cell(spectra, p, q, weight_00, weight_10, weight_01, weight_11):
     )
 
 
-@inlined
+@merged
 def _bilinear(spectra, p, channels, next_row, s, t, scale):
     """One channel in one slice; p its place in the first corner of the cell."""
     a0, b0 = scale.one * load(spectra, p), scale.one * load(spectra, p + channels)
@@ -346,7 +346,7 @@ def warp_numpy(
     read). Agrees with the kernels in float64 to rounding, away from h = n, where its H_x and H_y cancel.
     """
     with np.errstate(invalid="ignore"):
-        inside = (theta_i >= 0) & (theta_i <= THETA_MAX) & (theta_o >= 0) & (theta_o <= THETA_MAX)
+        inside = (theta_i >= 0) & (theta_i <= scale.theta_max) & (theta_o >= 0) & (theta_o <= scale.theta_max)
         inside &= np.abs(delta_phi) <= DELTA_PHI_DIRECT
     a, b, c = (np.where(inside, x, 0).astype(np.float64) for x in (theta_i, theta_o, delta_phi))
     a, b = np.minimum(a, HALF_PI), np.minimum(b, HALF_PI)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.errors import InputError
 from brdfcore.geometry import PairGeometry
-from brdfcore.models import fresnel, microfacet
-from brdfcore.models.base import Model, channels_for
-from brdfcore.models.optical_constants import ior_to_json, parse_ior
+from brdfcore.models import fresnel, lobe, microfacet
+from brdfcore.models.base import FastArguments, Model
+from brdfcore.models.optical_constants import EXTERIOR_IOR, IOR, WAVELENGTHS, channels_of, ior_to_json, material_index
 from brdfcore.parameters import Parameter
 
 #: 4 k of f = k F D G/(cos_i cos_o), D with unit projected area; G/(4 cos_i cos_o) is formed as one (`microfacet`).
@@ -33,6 +31,7 @@ class CookTorrance(Model):
     fresnel : "auto" (exact, by the ior; F = 1 without one), "conductor", "conductor_approximate" (warns where it is
         .01 off), "dielectric", "schlick" or "none".
     ior, exterior_ior : see `optical_constants.parse_ior`.
+    wavelengths : nm, with a named ior: one channel each (`optical_constants.tabulated`).
     convention : k = 1/4 "normalised"; 1 "published" (the 1982 paper's D lacks a pi and has a factor 1/pi, which is
         the same); 1/pi "slides", D with its pi and the factor as well.
 
@@ -43,8 +42,8 @@ class CookTorrance(Model):
 
     name: ClassVar[str] = "cook_torrance"
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("diffuse", "k_d", "reflectance of the diffuse part", 0.0, bounds=(0.0, np.inf)),
-        Parameter("specular", "k_s", "factor of the microfacet lobe", 1.0, bounds=(0.0, np.inf)),
+        lobe.DIFFUSE,
+        lobe.SPECULAR,
         Parameter(
             "roughness",
             "m",
@@ -70,8 +69,9 @@ class CookTorrance(Model):
             choices=("vgroove", "smith", "none"),
         ),
         Parameter("fresnel", "F", "reflectance of a facet", "auto", kind="choice", choices=fresnel.KINDS),
-        Parameter("ior", "n + ik", "index of refraction of the material", None, kind="ior"),
-        Parameter("exterior_ior", "n_e", "index of the medium in front", 1.0, bounds=(1e-3, 1e3)),
+        IOR,
+        EXTERIOR_IOR,
+        WAVELENGTHS,
         Parameter(
             "convention",
             "k",
@@ -84,17 +84,21 @@ class CookTorrance(Model):
     SUMMARY: ClassVar[str] = "Microfacet lobe of metals and glossy plastics, with a diffuse part."
     FORMULA: ClassVar[str] = "f = diffuse/pi + specular k F D G/(cos theta_i cos theta_o)"
     REFERENCE: ClassVar[str] = "R. Cook and K. Torrance, ACM TOG 1(1), 1982, doi:10.1145/357290.357293"
+    FAST: ClassVar[str] = "brdfcore.kernels.microfacet_lobe:microfacet"
 
-    def __init__(self, **parameters: Any) -> None:
+    _analytic: bool = True
+
+    def __init__(self, /, **parameters: Any) -> None:
         super().__init__(**parameters)
         p = self.parameters
-        index = None if p["ior"] is None else parse_ior(self.name, p["ior"])
+        index = material_index(self.name, p["ior"], p["wavelengths"])
         self.metadata["parameters"]["ior"] = ior_to_json(p["ior"])
         self._fresnel = fresnel.make(self.name, p["fresnel"], index, p["exterior_ior"])
         self.metadata["fresnel"] = self._fresnel.kind
         uses_ior = self._fresnel.ior is not None
-        self.channels = channels_for(
+        self.channels = channels_of(
             self.name,
+            p["wavelengths"],
             p["diffuse"],
             p["specular"],
             p["roughness"],
@@ -102,22 +106,21 @@ class CookTorrance(Model):
             p["exterior_ior"] if uses_ior else None,
         )
         self.energy_conserving = p["convention"] == "normalised" and p["masking"] != "none"
-        self._check_sum()
+        lobe.check_sum(self.name, p, self.energy_conserving)
         if p["masking"] == "smith":
             microfacet.require_smith(self.name, p["distribution"])
-        self._m = np.atleast_1d(np.asarray(p["roughness"], dtype=np.float64))
+        self._m = lobe.per_channel(p["roughness"])
         self._distribution = microfacet.DISTRIBUTIONS[p["distribution"]](self._m)
-        self._factor = self._distribution.scale * np.atleast_1d(CONVENTIONS[p["convention"]] * p["specular"])
-        self._base = np.atleast_1d(np.asarray(p["diffuse"], dtype=np.float64)) / np.pi
+        self._factor = self._distribution.scale * CONVENTIONS[p["convention"]] * lobe.per_channel(p["specular"])
+        self._base = lobe.per_channel(p["diffuse"]) / np.pi
 
-    def _check_sum(self) -> None:
-        total = float(np.max(np.asarray(self.parameters["diffuse"]) + np.asarray(self.parameters["specular"])))
-        if total <= 1 + 4 * np.finfo(np.float64).eps:  # decimals that add to 1 may miss it by their own rounding
-            return
-        detail = f"cook_torrance: diffuse + specular = {total:g} reflects more light than arrives; expected at most 1"
-        if self.energy_conserving:
-            raise InputError("bad_parameter", detail, where="specular", got=total, expected="diffuse + specular <= 1")
-        warnings.warn(detail, stacklevel=4)  # at the caller of bc.model or of CookTorrance
+    def _fast_arguments(self) -> FastArguments:
+        from brdfcore.kernels.microfacet_lobe import microfacet_choices, microfacet_numbers
+
+        f, distribution = self._fresnel, self.parameters["distribution"]
+        numbers = microfacet_numbers(self._m, distribution, (f.kind, f.ior, f.exterior_ior), len(self.channels))
+        choices = microfacet_choices(distribution, self.parameters["masking"], f.kind)
+        return FastArguments(self._factor, self._base, numbers, choices)
 
     def _value(self, pair: PairGeometry) -> npt.NDArray[np.float64]:
         tan2_h = pair.tan2_h[:, None]

@@ -28,7 +28,7 @@ class Lambert(Model):
     FORMULA: ClassVar[str] = "f = reflectance/pi"
     REFERENCE: ClassVar[str] = "F. Nicodemus et al., NBS Monograph 160, 1977, doi:10.6028/NBS.MONO.160"
 
-    def __init__(self, **parameters: Any) -> None:
+    def __init__(self, /, **parameters: Any) -> None:
         super().__init__(**parameters)
         reflectance = self.parameters["reflectance"]
         self.channels = channels_for(self.name, reflectance)

@@ -152,6 +152,19 @@ def smith(
     return 0.25 / (cos_o * q(m, cos_i, sin_i) + cos_i * q(m, cos_o, sin_o))
 
 
+def smith_separable(
+    m: Float64Array, cos_i: Float64Array, cos_o: Float64Array, sin_i: Float64Array, sin_o: Float64Array
+) -> Float64Array:
+    """V of separable Smith masking of ggx, G = G1(i) G1(o) with G1 = 1/(1 + L) = 2 cos/(cos + sqrt(cos^2 + m^2 sin^2)).
+
+    V = 1/((cos_i + q_i)(cos_o + q_o)), q = sqrt(cos^2 + m^2 sin^2): finite at grazing incidence. It takes masking and
+    shadowing as independent and is darker than the height-correlated `smith`.
+    Source: B. Walter et al., EGSR 2007, doi:10.2312/EGWR/EGSR07/195-206, equations 23 and 34.
+    """
+    v: Float64Array = 1 / ((cos_i + 2 * _q_ggx(m, cos_i, sin_i)) * (cos_o + 2 * _q_ggx(m, cos_o, sin_o)))
+    return v
+
+
 def require_smith(owner: str, distribution: str) -> None:
     """`InputError` for a distribution without a known Smith function, `MissingExtraError` where scipy is absent."""
     if distribution not in ("beckmann", "ggx"):

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from brdfcore.errors import InputError
 from brdfcore.geometry import PairGeometry
 from brdfcore.models import fresnel
-from brdfcore.models.base import Model, channels_for
-from brdfcore.models.optical_constants import ior_to_json, parse_ior
+from brdfcore.models.base import Model
+from brdfcore.models.optical_constants import EXTERIOR_IOR, IOR, WAVELENGTHS, channels_of, ior_to_json, material_index
 from brdfcore.parameters import Parameter
 
 
@@ -20,6 +20,7 @@ class Mirror(Model):
 
     reflectance: [0, 1], a number or one per channel; 1 if neither it nor ior is given.
     ior: see `optical_constants.parse_ior`; exact reflectance, relative to `exterior_ior`.
+    wavelengths: nm, with a named ior: one channel each (`optical_constants.tabulated`).
     Raises `InputError` if both are given.
     Source: M. Born and E. Wolf, Principles of Optics, 7th ed., section 1.5, doi:10.1017/CBO9781139644181.
     """
@@ -27,15 +28,16 @@ class Mirror(Model):
     name: ClassVar[str] = "mirror"
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
         Parameter("reflectance", "rho", "reflectance at every angle; give it or ior", None, bounds=(0.0, 1.0)),
-        Parameter("ior", "n + ik", "index of refraction of the material; give it or reflectance", None, kind="ior"),
-        Parameter("exterior_ior", "n_e", "index of the medium in front", 1.0, bounds=(1e-3, 1e3)),
+        IOR,
+        EXTERIOR_IOR,
+        WAVELENGTHS,
     )
     SUMMARY: ClassVar[str] = "Perfectly smooth: reflects into the mirror direction only."
     FORMULA: ClassVar[str] = "delta_reflectance = reflectance, or F(cos theta_i; ior)"
     REFERENCE: ClassVar[str] = "M. Born and E. Wolf, Principles of Optics, section 1.5, doi:10.1017/CBO9781139644181"
     has_delta: bool = True
 
-    def __init__(self, **parameters: Any) -> None:
+    def __init__(self, /, **parameters: Any) -> None:
         super().__init__(**parameters)
         reflectance, ior = self.parameters["reflectance"], self.parameters["ior"]
         if reflectance is not None and ior is not None:
@@ -44,10 +46,11 @@ class Mirror(Model):
                 "mirror: reflectance and ior are both given, and each alone says how much is reflected; give one",
                 where="reflectance",
             )
-        index = None if ior is None else parse_ior(self.name, ior)
+        wavelengths = self.parameters["wavelengths"]
+        index = material_index(self.name, ior, wavelengths)
         outside = self.parameters["exterior_ior"]
         self.metadata["parameters"]["ior"] = ior_to_json(ior)
-        self.channels = channels_for(self.name, reflectance, index, outside if ior is not None else None)
+        self.channels = channels_of(self.name, wavelengths, reflectance, index, None if ior is None else outside)
         self._fresnel = fresnel.make(self.name, "auto", index, outside)
         self._scale = np.atleast_1d(np.asarray(1.0 if reflectance is None else reflectance, dtype=np.float64))
 

@@ -1,6 +1,10 @@
 """Refractive indices by name, and the `ior` grammar that every model reads them through.
 
 n + ik with k >= 0, for fields that vary as exp(-i omega t); dimensionless.
+
+A name alone is one index at 589 nm (`CONSTANTS`). With `wavelengths=` it is one index a wavelength, from the measured
+tables of `optical_tables`: another sample and another laboratory, so gold's table has .274 + 2.944i at 589 nm where the
+course tables have .370 + 2.820i.
 """
 
 from __future__ import annotations
@@ -15,17 +19,25 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.brdf import Channels
 from brdfcore.errors import InputError, UnknownNameError
+from brdfcore.models import optical_tables
+from brdfcore.models.base import channels_for
+from brdfcore.parameters import Parameter
 
 Complex128Array = npt.NDArray[np.complex128]
 
-#: Indices at 589 nm (sodium D), from common course tables. Metals differ by several percent between samples.
+#: Indices at 589 nm (sodium D), from common course tables; chromium, nickel and aluminium are the values of their
+#: tables in `optical_tables` there. Metals differ by several percent between samples.
 CONSTANTS: Mapping[str, complex] = MappingProxyType(
     {
         "gold": complex(0.370, 2.820),
         "silver": complex(0.177, 3.638),
         "copper": complex(0.617, 2.63),
         "steel": complex(2.485, 3.433),
+        "chromium": complex(3.21, 3.30),
+        "nickel": complex(1.966, 3.844),
+        "aluminium": complex(1.205, 7.064),
         "vacuum": complex(1.0),
         "air": complex(1.00029),
         "ice": complex(1.31),
@@ -35,6 +47,19 @@ CONSTANTS: Mapping[str, complex] = MappingProxyType(
         "sapphire": complex(1.77),
         "diamond": complex(2.42),
     }
+)
+
+IOR = Parameter("ior", "n + ik", "index of refraction of the material", None, kind="ior")
+EXTERIOR_IOR = Parameter("exterior_ior", "n_e", "index of the medium in front", 1.0, bounds=(1e-3, 1e3))
+WAVELENGTHS = Parameter(
+    "wavelengths",
+    "lambda",
+    "one channel for each, with the index that the table of a named ior has there",
+    None,
+    kind="wavelengths",
+    bounds=(0.0, np.inf),
+    open_bounds=("low",),
+    unit="nm",
 )
 
 #: Bounds of n and of k: beyond any material, and far from where (n^2 + k^2)^2 overflows or underflows.
@@ -50,7 +75,7 @@ def constant(name: str) -> complex:
 
     Upper case, spaces and hyphens are accepted: "Fused quartz" is "fused_quartz".
     """
-    key = name.strip().lower().replace(" ", "_").replace("-", "_")
+    key = _key(name)
     if key in CONSTANTS:
         return CONSTANTS[key]
     close = difflib.get_close_matches(key, CONSTANTS, n=3, cutoff=0.5)
@@ -93,6 +118,75 @@ def parse_ior(owner: str, ior: Any) -> Complex128Array:
     return np.array(values, dtype=np.complex128)
 
 
+def material_index(owner: str, ior: Any, wavelengths: Any) -> Complex128Array | None:
+    """The index of a model's parameters `ior` and `wavelengths` (nm): n + ik, (channels,), or None without an ior.
+
+    With wavelengths the ior has to be one name with a table (`tabulated`); without them see `parse_ior`.
+    """
+    if wavelengths is None:
+        return None if ior is None else parse_ior(owner, ior)
+    if not isinstance(ior, str):
+        raise InputError(
+            "bad_parameter",
+            f"{owner}: wavelengths are given, and ior = {_shown(ior)} is no name; with wavelengths expected one of "
+            f"{', '.join(optical_tables.TABLES)}, or a list of indices without wavelengths",
+            where="wavelengths",
+            got=_shown(ior),
+            expected="an ior by name",
+        )
+    return tabulated(owner, ior, wavelengths)
+
+
+def tabulated(owner: str, name: str, wavelengths: npt.ArrayLike) -> Complex128Array:
+    """n + ik of a named metal at each wavelength (nm), its table's n and k interpolated linearly; (wavelengths,).
+
+    Raises `InputError` outside the table's range, naming it, and for a name without a table; `UnknownNameError` for a
+    name that is not known at all.
+    """
+    key = _key(name)
+    constant(key)
+    if key not in optical_tables.TABLES:
+        raise InputError(
+            "bad_parameter",
+            f"{owner}: {key!r} is known at 589 nm only and takes no wavelengths; tables exist for "
+            f"{', '.join(optical_tables.TABLES)}",
+            where="wavelengths",
+            got=key,
+            expected=", ".join(optical_tables.TABLES),
+        )
+    nm, n, k = optical_tables.table(key)
+    asked = np.atleast_1d(np.asarray(wavelengths, dtype=np.float64))
+    outside = ~((asked >= nm[0]) & (asked <= nm[-1]))
+    if outside.any():
+        raise InputError(
+            "bad_parameter",
+            f"{owner}: wavelengths = {float(asked[outside][0]):g} nm is outside the table of {key!r}, "
+            f"{nm[0]:g} to {nm[-1]:g} nm",
+            where="wavelengths",
+            got=float(asked[outside][0]),
+            expected=f"[{nm[0]:g}, {nm[-1]:g}] nm",
+        )
+    return np.asarray(np.interp(asked, nm, n) + 1j * np.interp(asked, nm, k))
+
+
+def channels_of(owner: str, wavelengths: Any, *values: Any) -> Channels:
+    """Channels of a model whose other parameters are `values`: the wavelengths where given, else `channels_for`."""
+    if wavelengths is None:
+        return channels_for(owner, *values)
+    channels = Channels([float(x) for x in np.atleast_1d(wavelengths)], "wavelength")
+    sizes = {np.size(v) for v in values if v is not None and np.size(v) > 1}
+    if sizes - {len(channels)}:
+        raise InputError(
+            "channels_differ",
+            f"{owner}: {len(channels)} wavelengths, and parameters given for {sorted(sizes)} channels; give one number "
+            "each, or one a wavelength",
+            where="wavelengths",
+            got=sorted(sizes),
+            expected=len(channels),
+        )
+    return channels
+
+
 def ior_to_json(ior: Any) -> Any:
     """`ior` as JSON that `parse_ior` reads back: a name, a number, {"n", "k"}, or a list of them."""
     if ior is None or isinstance(ior, str):
@@ -120,7 +214,10 @@ def _single(owner: str, ior: Any) -> complex:
             raise _error(owner, ior, "a tuple of two numbers (n, k)")
         return complex(float(ior[0]), float(ior[1]))
     if not isinstance(ior, bool) and isinstance(ior, Complex):
-        return complex(ior)
+        try:
+            return complex(ior)
+        except OverflowError as error:
+            raise _error(owner, ior, _GRAMMAR) from error
     raise _error(owner, ior, _GRAMMAR)
 
 
@@ -142,11 +239,24 @@ def _mapping(owner: str, ior: Mapping[Any, Any]) -> list[complex]:
 
 
 def _is_real(value: Any) -> bool:
-    return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond float64
+        return False
+
+
+def _key(name: str) -> str:
+    return name.strip().lower().replace(" ", "_").replace("-", "_")
+
+
+def _shown(ior: Any) -> str:
+    return repr(ior) if len(repr(ior)) <= 80 else repr(ior)[:77] + "..."
 
 
 def _error(owner: str, ior: Any, expected: str) -> InputError:
-    shown = repr(ior) if len(repr(ior)) <= 80 else repr(ior)[:77] + "..."
+    shown = _shown(ior)
     return InputError(
         "bad_parameter",
         f"{owner}: ior = {shown} is not allowed; expected {expected}",

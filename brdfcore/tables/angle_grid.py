@@ -21,7 +21,15 @@ from brdfcore.errors import FileFormatError, InputError
 from brdfcore.metrics import ALBEDO_SLACK
 from brdfcore.parameters import Parameter
 from brdfcore.status import Status
-from brdfcore.tables.base import BuildOptions, Progress, Table
+from brdfcore.tables.base import (
+    DELTA_NODES,
+    BuildOptions,
+    Progress,
+    Table,
+    checked_delta,
+    interpolated_delta,
+    sampled_delta,
+)
 
 #: Nodes of theta that `candidates` tries: 2 degrees to half a degree; delta_phi gets twice as many cells.
 LADDER = (46, 91, 136, 181)
@@ -33,6 +41,8 @@ GRAZING_INSET = 0.25
 ENERGY_ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 85.0, 89.0)
 #: Directions evaluated at a time while building: bounds the memory whatever the shape.
 _CHUNK = 262_144
+#: Most values: the kernels index in int32.
+_MOST_VALUES = 2**31 - 1
 
 
 class AngleGrid(Table):
@@ -42,7 +52,8 @@ class AngleGrid(Table):
 
     values : float32 (n_theta_i, n_theta_o, n_delta_phi, channels), both ends of each axis included: theta over
         [0, pi/2]; delta_phi over [0, pi] if bilateral, else over [0, 2 pi] with equal first and last nodes.
-    delta : float64 (n_theta_i, channels), optional: reflectance of the mirror part at the theta_i nodes, linear.
+    delta : float64 (n, channels), optional: reflectance of the mirror part at n uniform theta_i of [0, pi/2], linear;
+        n does not depend on the other nodes.
 
     Look-ups in float32 for float32 angles (the angle itself is then known to 6e-8), else in float64.
     """
@@ -98,8 +109,7 @@ class AngleGrid(Table):
     def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         if self.delta is None:
             return super()._delta_reflectance(theta_i)
-        nodes = np.linspace(0, np.pi / 2, self.delta.shape[0])
-        return np.stack([np.interp(theta_i, nodes, column) for column in self.delta.T], axis=-1)
+        return interpolated_delta(self.delta, theta_i)
 
     @classmethod
     def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
@@ -125,23 +135,21 @@ class AngleGrid(Table):
         if "bilateral" in options.fold and not source.bilateral:
             values = 0.5 * (values + _sample(source, shape, bilateral, progress, mirrored=True))
         if "reciprocal" in options.fold and not source.reciprocal:
-            values = 0.5 * (values + values.transpose(1, 0, 2, 3))
+            # f(o, i, -delta_phi): with a whole turn stored, -delta_phi is the axis backwards
+            swapped = values.transpose(1, 0, 2, 3)
+            values = 0.5 * (values + (swapped if bilateral else swapped[:, :, ::-1]))
         done = [f"averaged over the {name} symmetry, as asked" for name in sorted(options.fold)]
         negative = int((values < 0).sum())
         if options.negatives == "zero" and negative:
             values = np.maximum(values, 0)
             done.append(f"{negative} negative node values set to zero, as asked")
-        delta = None
-        if source.has_delta:
-            nodes = np.linspace(0, np.pi / 2, shape[0])
-            delta = source.delta_reflectance(nodes).astype(np.float64, copy=False)
         flags = {
             "bilateral": bilateral,
             "reciprocal": symmetric and (source.reciprocal or "reciprocal" in options.fold),
             "energy_conserving": source.energy_conserving,
             "non_negative": bool((values >= 0).all()),
         }
-        table = cls(values, source.channels, flags, delta)
+        table = cls(values, source.channels, flags, sampled_delta(source))
         if flags["energy_conserving"]:  # interpolating a lobe between nodes may add energy: measure, don't inherit
             albedo = table.albedo(np.radians(ENERGY_ANGLES))
             table.energy_conserving = bool((albedo <= 1 + ALBEDO_SLACK).all())
@@ -157,9 +165,11 @@ class AngleGrid(Table):
         ladder: Iterable[int] = LADDER
         if max_bytes is not None:
             each = 4 * len(source.channels)
+            beside = 8 * DELTA_NODES * len(source.channels) if source.has_delta else 0
+            room = min(max_bytes - beside, 4 * _MOST_VALUES)
             # n x n x (2 n - 1) nodes, the largest n that fits
-            n = max(2, int((max_bytes / (each * 2 * turns)) ** (1 / 3)) + 1)
-            while n > 2 and each * n * n * (turns * 2 * (n - 1) + 1) > max_bytes:
+            n = max(2, int((max(room, 1) / (each * 2 * turns)) ** (1 / 3)) + 1)
+            while n > 2 and each * n * n * (turns * 2 * (n - 1) + 1) > room:
                 n -= 1
             ladder = (n,)
         return [replace(options, shape=(n, n, turns * 2 * (n - 1) + 1)) for n in ladder]
@@ -186,14 +196,13 @@ class AngleGrid(Table):
         if values is None or values.dtype != np.float32 or values.ndim != 4:
             got = "nothing" if values is None else f"{values.dtype} {values.shape}"
             raise _bad("values", got, "float32 (n_theta_i, n_theta_o, n_delta_phi, channels)")
-        if min(values.shape[:3]) < 2 or values.shape[3] != len(channels) or values.size >= 2**31:
+        if min(values.shape[:3]) < 2 or values.shape[3] != len(channels) or values.size > _MOST_VALUES:
             raise _bad(
                 "values", str(values.shape), f"at least 2 nodes an axis, {len(channels)} channel(s), < 2^31 values"
             )
-        delta = arrays.get("delta")
-        if delta is not None and (delta.dtype != np.float64 or delta.shape != (values.shape[0], len(channels))):
-            raise _bad("delta", f"{delta.dtype} {delta.shape}", f"float64 {(values.shape[0], len(channels))}")
-        return cls(values, channels, flags, delta)
+        if flags["non_negative"] and values.min() < 0:
+            raise _bad("values", f"as low as {values.min()}", "no value below 0, as the flag non_negative says")
+        return cls(values, channels, flags, checked_delta(cls.name, arrays, len(channels)))
 
 
 def _checked_shape(options: BuildOptions, bilateral: bool, channels: int) -> tuple[int, int, int]:
@@ -201,7 +210,7 @@ def _checked_shape(options: BuildOptions, bilateral: bool, channels: int) -> tup
     size = channels
     for n in shape:
         size *= n
-    if len(shape) != 3 or min(shape) < 2 or size >= 2**31:
+    if len(shape) != 3 or min(shape) < 2 or size > _MOST_VALUES:
         raise InputError(
             "bad_shape",
             f"shape = {list(shape)}: expected 3 numbers of nodes (theta_i, theta_o, delta_phi), each at least 2, "

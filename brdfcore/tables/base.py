@@ -15,10 +15,17 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.brdf import Brdf, Channels
+from brdfcore.errors import FileFormatError, InputError
 from brdfcore.parameters import Parameter
 
 #: Called as progress(done, total, stage) while a table is built and measured.
 Progress = Callable[[int, int, str], None]
+
+#: theta_i nodes of a stored delta part, a quarter of a degree apart whatever the grid: Fresnel's reflectance between
+#: them is good to 1e-4 (glass) to 2e-3 (an index of 1.01), but for the kink of total reflection.
+DELTA_NODES = 361
+#: A delta reflectance may pass 1 by this much: rounding.
+_DELTA_SLACK = 1e-9
 
 FLAGS = ("bilateral", "reciprocal", "energy_conserving", "non_negative")
 
@@ -31,6 +38,8 @@ class BuildOptions:
     interpolation: str = "linear"
     negatives: str = "keep"
     fold: frozenset[str] = frozenset()
+    #: What a representation's `candidates` found out about the source once for all of them; opaque to others.
+    prepared: Any = None
 
 
 class Table(Brdf):
@@ -38,6 +47,8 @@ class Table(Brdf):
 
     A subclass keeps every array that a look-up reads in `to_arrays()` and every number that changes an
     answer in `attributes()`; store, id and nbytes follow from these two.
+
+    id, nbytes and answers belong to the arrays as they were given: to change a value, make another table.
 
     error   dict of the measured error against the source (`build.tabulate` fills it), {} if never measured.
     source  dict with name, format, sha256 of what the table was built from.
@@ -114,6 +125,10 @@ class Table(Brdf):
     def id(self) -> str:
         """sha256 over all that evaluate() reads, hex: representation and its evaluation version, channels,
         flags, attributes, and each array as name, dtype, shape, bytes."""
+        return self.computed_id()
+
+    def computed_id(self) -> str:
+        """`id` from the arrays as they are now, whatever happened to them since `id` was first asked for."""
         digest = hashlib.sha256()
         head = {
             "representation": self.name,
@@ -136,6 +151,12 @@ class Table(Brdf):
 
         store.save(self, path)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # by its arrays: what was compiled or derived on the way is made anew
+        beside = {key: getattr(self, key) for key in ("error", "source", "report", "metadata")}
+        arrays, attributes = self.to_arrays(), self.attributes()
+        return _rebuilt, (type(self), arrays, attributes, self.channels, self.flags, beside)
+
     def describe(self) -> dict[str, Any]:
         return {
             **super().describe(),
@@ -147,3 +168,62 @@ class Table(Brdf):
             "attributes": self.attributes(),
             "shapes": {name: list(a.shape) for name, a in self.to_arrays().items()},
         }
+
+
+def _rebuilt(
+    cls: type[Table],
+    arrays: Mapping[str, npt.NDArray[Any]],
+    attributes: Mapping[str, Any],
+    channels: Channels,
+    flags: Mapping[str, bool],
+    beside: Mapping[str, dict[str, Any]],
+) -> Table:
+    table = cls.from_arrays(arrays, attributes, channels, flags)
+    for key, value in beside.items():
+        setattr(table, key, value)
+    return table
+
+
+def sampled_delta(source: Brdf) -> npt.NDArray[np.float64] | None:
+    """The delta part of `source` at `DELTA_NODES` uniform nodes of theta_i in [0, pi/2], (n, channels); None without.
+
+    Raises `InputError` where it is not within [0, 1]: no surface reflects more than it receives.
+    """
+    if not source.has_delta:
+        return None
+    delta = source.delta_reflectance(np.linspace(0, np.pi / 2, DELTA_NODES)).astype(np.float64, copy=False)
+    if not _is_reflectance(delta):
+        got = [float(delta.min()), float(delta.max())]
+        raise InputError(
+            "bad_delta",
+            f"the source's delta reflectance goes from {got[0]:g} to {got[1]:g}; a table holds values within [0, 1]",
+            where="source",
+            got=[str(x) for x in got],
+            expected="[0, 1]",
+        )
+    return np.clip(delta, 0, 1)
+
+
+def checked_delta(name: str, arrays: Mapping[str, npt.NDArray[Any]], channels: int) -> npt.NDArray[np.float64] | None:
+    """`arrays["delta"]`, if there is one: float64 (n >= 2, channels), within [0, 1]; else `FileFormatError`."""
+    delta = arrays.get("delta")
+    if delta is None:
+        return None
+    fits = delta.dtype == np.float64 and delta.ndim == 2 and delta.shape[0] >= 2 and delta.shape[1] == channels
+    if not fits or not _is_reflectance(delta):
+        got = f"from {delta.min()} to {delta.max()}" if fits else f"{delta.dtype} {delta.shape}"
+        expected = f"float64 (n, {channels}) with n >= 2, within [0, 1]"
+        raise FileFormatError(
+            "bad_field", f"{name}: delta is {got}; expected {expected}", where="delta", got=got, expected=expected
+        )
+    return delta
+
+
+def _is_reflectance(delta: npt.NDArray[Any]) -> bool:
+    return bool(((delta >= -_DELTA_SLACK) & (delta <= 1 + _DELTA_SLACK)).all())  # false for NaN
+
+
+def interpolated_delta(delta: npt.NDArray[np.float64], theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Linear between the uniform theta_i nodes of a stored delta part; (n,) -> (n, channels)."""
+    nodes = np.linspace(0, np.pi / 2, delta.shape[0])
+    return np.stack([np.interp(theta_i, nodes, column) for column in delta.T], axis=-1)

@@ -59,7 +59,7 @@ def test_etags_differ_with_the_question(shared_client: TestClient) -> None:
 
 def test_etag_comes_before_the_work(shared_client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     etag = shared_client.get(f"/v1/materials/gold/{VALUE}").headers["etag"]
-    monkeypatch.setattr("app.routers.evaluate.evaluate_to_json", None)
+    monkeypatch.setattr("app.routers.evaluate.answer", None)
     held = {"if-none-match": etag}
     assert shared_client.get(f"/v1/materials/gold/{VALUE}", headers=held).status_code == 304
 
@@ -95,10 +95,17 @@ def test_request_id(shared_client: TestClient) -> None:
 def test_paths_and_methods_that_are_not_there(shared_client: TestClient) -> None:
     for path in ("/nothing", "/v1", "/v1/materials/", "/static/other.js", "/docs/"):
         assert_problem(shared_client.get(path), 404, "unknown_path")
-    for method, path in (("DELETE", "/v1/materials/gold"), ("PUT", "/v1/materials"), ("POST", "/"), ("TRACE", "/docs")):
+    for method, path, allowed in (
+        ("PATCH", "/v1/materials/gold", "DELETE, GET, HEAD, PUT"),
+        ("PUT", "/v1/materials/gold/evaluate", "GET, HEAD, POST"),
+        ("GET", "/v1/materials/gold/upload", "POST"),
+        ("PUT", "/v1/materials", "GET, HEAD"),
+        ("POST", "/", "GET, HEAD"),
+        ("TRACE", "/docs", "GET, HEAD"),
+    ):
         answer = shared_client.request(method, path)
         assert_problem(answer, 405, "method_not_allowed")
-        assert "GET" in answer.headers["allow"]
+        assert answer.headers["allow"] == allowed
 
 
 @pytest.mark.parametrize(
@@ -167,7 +174,7 @@ def test_an_error_inside_says_nothing_of_the_inside(
     def broken(*_: object) -> bytes:
         raise RuntimeError("secret of the house")
 
-    monkeypatch.setattr("app.routers.evaluate.evaluate_to_json", broken)
+    monkeypatch.setattr("app.routers.evaluate.answer", broken)
     answer = shared_client.get(f"/v1/materials/gold/{VALUE}")
     content = assert_problem(answer, 500, "internal_error")
     assert "secret" not in answer.text
@@ -178,7 +185,7 @@ def test_an_error_inside_says_nothing_of_the_inside(
 def test_openapi_is_true(shared_client: TestClient) -> None:
     document = shared_client.get("/openapi.json").json()
     operations = [o for path in document["paths"].values() for o in path.values()]
-    assert len({o["operationId"] for o in operations}) == len(operations) == 17
+    assert len({o["operationId"] for o in operations}) == len(operations) == 26
     refs = {r.rpartition("/")[2] for r in _refs(document)}
     assert refs <= set(document["components"]["schemas"])
     for path, methods in document["paths"].items():

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import http.client
 import json
 import os
-import queue
 import re
-import signal
 import socket
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
@@ -24,6 +18,8 @@ from app.main import serve
 from app.process import ListenError, address_of, bind
 from app.settings import Settings, setting_lines
 from tests.app.conftest import expected_values, local
+from tests.app.running import Running
+from tests.app.running import running as running_service
 
 
 def test_settings_from_flags_environment_and_defaults() -> None:
@@ -58,6 +54,11 @@ def test_bad_settings_name_themselves(environment: dict[str, str], flags: dict[s
 
 
 def test_every_setting_is_described() -> None:
+    environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1"}
+    command = [sys.executable, "-m", "brdfcore.cli", "serve", "--help"]
+    text = subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout
+    for name in Settings.model_fields:
+        assert f"--{name.replace('_', '-')}" in text or f"--no-{name}" in text or f"BRDF_{name.upper()}" in text, name
     assert all(description for _, _, description in setting_lines())
     assert ("BRDF_DATA_DIR", "brdf-data") in [(v, d) for v, d, _ in setting_lines()]
 
@@ -98,56 +99,10 @@ def test_port_0_takes_a_free_port() -> None:
         assert listener.proto == socket.IPPROTO_TCP  # or each answer waits 40 ms for Nagle
 
 
-class Answer(NamedTuple):
-    """An answer read to its end."""
-
-    status: int
-    headers: dict[str, str]
-    body: bytes
-
-
-class Running:
-    """`brdf serve` as a process of its own."""
-
-    def __init__(self, data: Path, *arguments: str) -> None:
-        environment = {k: v for k, v in os.environ.items() if not k.startswith("BRDF_")}
-        command = [sys.executable, "-m", "brdfcore.cli", "serve", "--port", "0", "--data", str(data), *arguments]
-        pipe = subprocess.PIPE
-        self.process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment)
-        assert self.process.stdout is not None
-        lines: queue.Queue[str] = queue.Queue()
-        threading.Thread(
-            target=lambda out: [lines.put(x) for x in out], args=(self.process.stdout,), daemon=True
-        ).start()
-        self.line = lines.get(timeout=60)
-        found = re.match(r"listening on http://127\.0\.0\.1:(\d+) ", self.line)
-        assert found, self.line
-        self.port = int(found[1])
-
-    def ask(self, path: str, method: str = "GET") -> Answer:
-        # http.client sends the path as it is, where others tidy it up first
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
-        with contextlib.closing(connection):
-            connection.request(method, path)
-            answer = connection.getresponse()
-            return Answer(answer.status, dict(answer.headers.items()), answer.read())
-
-    def stop(self) -> tuple[int, str]:
-        self.process.send_signal(signal.SIGTERM)
-        assert self.process.stderr is not None
-        with self.process:
-            errors = self.process.stderr.read()
-            self.process.wait(timeout=20)
-        return self.process.returncode, errors
-
-
 @pytest.fixture
 def running(data: Path) -> Iterator[Running]:
-    made = Running(data)
-    yield made
-    if made.process.poll() is None:
-        with made.process:
-            made.process.kill()
+    with running_service(data) as made:
+        yield made
 
 
 def test_process_answers_and_ends_on_sigterm(running: Running, data: Path) -> None:

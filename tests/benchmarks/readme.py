@@ -1,4 +1,4 @@
-"""Measure and write the README's tables between their markers: `python -m tests.benchmarks.readme [accuracy|lookup]`.
+"""Measure and write the README's tables between their markers: `python -m tests.benchmarks.readme [MARKER ...]`.
 
 Some minutes on an idle machine; needs the `bench` extra. Look at the difference before you commit it.
 """
@@ -12,7 +12,15 @@ from pathlib import Path
 
 README = Path(__file__).parents[2] / "README.md"
 #: marker -> (module and arguments, whether its output is Markdown already)
-TABLES = {"accuracy": (["accuracy", "--markdown"], True), "lookup": (["lookup"], False)}
+TABLES = {
+    "models": (["model_table", "--pictures"], True),
+    "phong": (
+        ["phong_against_torrance", "-o", str(README.parent / "app" / "web" / "phong-against-torrance.png")],
+        True,
+    ),
+    "accuracy": (["accuracy", "--markdown"], True),
+    "lookup": (["lookup"], False),
+}
 
 
 def main() -> None:

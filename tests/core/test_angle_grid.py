@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ from scipy.interpolate import RegularGridInterpolator
 import brdfcore as bc
 from brdfcore import testing
 from brdfcore.kernels import launch, trilinear
+from brdfcore.metrics import FLAG_DEFECT, reciprocity_defect
 from brdfcore.tables.angle_grid import AngleGrid
+from brdfcore.tables.base import BuildOptions
 from tests.core.sources import Constant, Multilinear, Skewed
 
 
@@ -146,6 +149,90 @@ def test_folds_only_when_asked_and_their_cost_is_in_the_error() -> None:
     assert np.allclose(folded.evaluate(*angles), Skewed().evaluate(*angles).mean(axis=0), atol=2e-3)
 
 
+def test_reciprocal_fold_of_a_source_that_is_not_bilateral() -> None:
+    """f(i, o, d) and f(o, i, -d) are averaged: swapping the directions turns delta_phi round as well."""
+
+    class Sided(Constant):
+        bilateral = reciprocal = energy_conserving = False
+
+        def _evaluate(self, theta_i, theta_o, delta_phi, out):  # type: ignore[no-untyped-def]
+            out[:, 0] = 1 + 0.5 * np.sin(delta_phi) * np.sin(theta_i) * np.sin(theta_o) + 0.2 * np.cos(theta_i)
+            return True
+
+    table = bc.tabulate(Sided(1.0), "angle_grid", shape=(31, 31, 61), fold="reciprocal")
+    assert table.reciprocal
+    assert not table.bilateral
+    assert reciprocity_defect(table) <= FLAG_DEFECT
+    # the sine changes its sign with the directions swapped, so that its average is 0
+    assert table.evaluate(0.5, 0.9, [1.0, -2.0])[:, 0] == pytest.approx(1 + 0.1 * (np.cos(0.5) + np.cos(0.9)), abs=1e-3)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 195])
+def test_a_generous_limit_asks_for_no_grid_that_cannot_be(channels: int) -> None:
+    source = bc.model("lambert", reflectance=[0.5] * channels)
+    for limit in (20_000_000_000, 10**15):
+        (options,) = AngleGrid.candidates(source, BuildOptions(), limit)
+        assert options.shape is not None
+        values = math.prod(options.shape) * channels
+        assert 2**30 < values < 2**31
+
+
+def test_delta_nodes_do_not_depend_on_the_grid() -> None:
+    source = bc.model("mirror", ior=1.5)
+    table = bc.tabulate(source, "angle_grid", shape=(2, 2, 3))
+    theta = np.linspace(0, np.pi / 2, 1_000)
+    assert np.abs(table.delta_reflectance(theta) - source.delta_reflectance(theta)).max() < 1e-4
+    small = bc.tabulate(source + bc.model("lambert"), "angle_grid", max_bytes=10_000)
+    assert 5_000 < small.nbytes <= 10_000  # its delta part counts
+    # a file from before, with the delta part at the nodes of theta_i
+    flags = random_grid(1, True).flags
+    before = AngleGrid.from_arrays(
+        {"values": np.ones((3, 2, 2, 1), np.float32), "delta": np.array([[0.0], [0.5], [1.0]])},
+        {}, bc.Channels(["value"]), flags,
+    )  # fmt: skip
+    assert before.delta_reflectance([0.0, np.pi / 8, np.pi / 2])[:, 0] == pytest.approx([0.0, 0.25, 1.0])
+
+
+def test_a_delta_part_above_1_is_refused() -> None:
+    with pytest.raises(bc.InputError, match="within"):
+        bc.tabulate(2 * bc.model("mirror"), "angle_grid", shape=(2, 2, 3))
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"delta": np.full((2, 1), 1.5)}, "delta"),
+        ({"delta": np.full((2, 1), -0.1)}, "delta"),
+        ({"delta": np.full((2, 1), np.nan)}, "delta"),
+        ({"delta": np.full((1, 1), 0.5)}, "delta"),
+        ({"delta": np.full((2, 2), 0.5)}, "delta"),
+        ({"delta": np.full((2, 1), 0.5, np.float32)}, "delta"),
+        ({"values": np.full((2, 2, 2, 1), -1, np.float32)}, "values"),
+    ],
+)
+def test_arrays_that_contradict_their_claims(change: dict[str, np.ndarray], field: str) -> None:
+    flags = {"bilateral": True, "reciprocal": False, "energy_conserving": False, "non_negative": True}
+    arrays = {"values": np.ones((2, 2, 2, 1), np.float32), **change}
+    with pytest.raises(bc.FileFormatError) as caught:
+        AngleGrid.from_arrays(arrays, {}, bc.Channels(["value"]), flags)
+    assert caught.value.context["where"] == field
+
+
+def test_each_type_has_its_own_horizon() -> None:
+    """float32's pi/2, given as float32, is pi/2; the same number in float64 is past the horizon."""
+    grid = GRID
+    single, past = np.float32(np.pi / 2), np.pi / 2 + 4e-8
+    at_horizon = grid.evaluate(np.pi / 2, 0.1, 1.0)
+    assert np.array_equal(grid.evaluate(single, 0.1, 1.0), at_horizon)  # mixed: promoted to pi/2
+    assert grid.evaluate(single, np.float32(0.1), np.float32(1)) == pytest.approx(at_horizon, rel=1e-5)
+    for bad in (past, float(single), np.nextafter(np.pi / 2, 2)):
+        for source in (grid, Skewed()):
+            with pytest.raises(bc.InputError, match="outside"):
+                source.evaluate(0.1, bad, 1.0)
+        assert np.isnan(grid.evaluate(bad, 0.1, 1.0, outside="nan")).all()
+        assert np.array_equal(grid.evaluate(bad, 0.1, 1.0, outside="clip"), at_horizon)
+
+
 def test_negatives_are_kept_or_zeroed_and_counted() -> None:
     kept = bc.tabulate(Skewed(), "angle_grid", shape=(16, 16, 16))
     zeroed = bc.tabulate(Skewed(), "angle_grid", shape=(16, 16, 16), negatives="zero")
@@ -189,6 +276,21 @@ def test_a_source_that_is_not_finite_is_refused() -> None:
         ({"tolerance": float("nan")}, "tolerance"),
         ({"max_bytes": 0}, "max_bytes"),
         ({"max_bytes": 3}, "max_bytes"),
+        ({"max_bytes": "4MB"}, "max_bytes"),
+        ({"max_bytes": float("nan")}, "max_bytes"),
+        ({"max_bytes": 10**400}, "max_bytes"),
+        ({"tolerance": "0.1"}, "tolerance"),
+        ({"tolerance": float("inf")}, "tolerance"),
+        ({"shape": (float("inf"), 3, 3)}, "shape"),
+        ({"shape": (float("nan"), 3, 3)}, "shape"),
+        ({"shape": (10**5000, 3, 3)}, "shape"),
+        ({"shape": ()}, "shape"),
+        ({"shape": 5}, "shape"),
+        ({"fold": 5}, "fold"),
+        ({"fold": [["bilateral"]]}, "fold"),
+        ({"fold": ["sideways", 1]}, "fold"),
+        ({"negatives": ["zero"]}, "negatives"),
+        ({"interpolation": 1}, "interpolation"),
     ],
 )
 def test_bad_requests(options: dict[str, object], where: str) -> None:

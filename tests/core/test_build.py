@@ -79,3 +79,64 @@ def test_only_a_mirror() -> None:
 def test_unknown_representation_names_close_ones() -> None:
     with pytest.raises(bc.UnknownNameError, match="angle_grid"):
         bc.tabulate(Constant(0.1), "anglegrid")
+
+
+def test_the_error_of_a_mirror_part_counts() -> None:
+    """A smooth reflectance is held; total reflection has a kink that no table of angles holds, and it is said."""
+    smooth = bc.tabulate(bc.model("mirror", ior=1.5), "angle_grid", shape=(2, 2, 3))
+    assert 0 < smooth.error["delta"] < 1e-4
+    assert not any("mirror part is off" in sentence for sentence in smooth.error["warnings"])
+    kinked = bc.model("mirror", ior=1.0, exterior_ior=1.5)
+    table = bc.tabulate(kinked, "angle_grid", shape=(2, 2, 3))
+    assert table.error["delta"] > 0.05
+    assert any("mirror part is off by" in sentence for sentence in table.error["warnings"])
+    with pytest.warns(ToleranceWarning, match="mirror part is off by"):
+        bc.tabulate(kinked, "angle_grid", tolerance=0.01)
+
+
+def test_values_that_are_no_numbers_are_not_called_a_missing_regular_part() -> None:
+    """The source is NaN between the nodes, where the error is measured."""
+
+    class Holes(Constant):
+        def _evaluate(self, theta_i, theta_o, delta_phi, out):  # type: ignore[no-untyped-def]
+            out[:, 0] = np.where(np.isin(theta_i, np.append(np.linspace(0, np.pi / 2, 3), NEAR_HORIZON)), 1.0, np.nan)
+            return True
+
+        def albedo(self, theta_i, **_):  # type: ignore[no-untyped-def]
+            return np.full((*np.shape(theta_i), 1), np.nan)
+
+    source = Holes(1.0)
+    source.energy_conserving = False
+    table = bc.tabulate(source, "angle_grid", shape=(3, 3, 3))
+    assert table.error["l1"] is None
+    assert table.error["regular"]
+    said = " ".join(table.error["warnings"])
+    assert "not finite" in said
+    assert "no regular part" not in said
+    with pytest.warns(ToleranceWarning):
+        bc.tabulate(NotANumber(0.1), "angle_grid", tolerance=0.01)
+
+
+NEAR_HORIZON = np.pi / 2 - 0.25 * np.pi / 4
+
+
+class NotANumber(Constant):
+    """NaN away from whole and quarter degrees, which are the nodes of every grid that a tolerance tries."""
+
+    energy_conserving = False
+
+    def _evaluate(self, theta_i, theta_o, delta_phi, out):  # type: ignore[no-untyped-def]
+        odd = np.degrees(theta_i) * 24
+        out[:, 0] = np.where(np.abs(odd - np.rint(odd)) < 1e-6, 1.0, np.nan)
+        return True
+
+
+def test_advice_names_only_what_can_help() -> None:
+    """A table of a model that is bad: another representation that can hold it and was not tried."""
+    bad = bc.tabulate(gold(0.01), "angle_grid", shape=(10, 10, 19)).error["warnings"]
+    advice = [sentence for sentence in bad if sentence.startswith("try ")]
+    assert len(advice) == 1
+    assert "half_difference" in advice[0]
+    for other in ("vndf_warp", "angle_grid"):  # holds measured files only; was tried
+        assert other not in advice[0]
+    assert sum("misplaces" in sentence for sentence in bad) == 1

@@ -363,6 +363,11 @@ def test_errors_in_plain_words() -> None:
     text = "\n".join(output.error_lines(error))
     for phrase in ("30 % ± 0.4 %", "-20 % at its worst angle, theta_i = 60 degrees", "factor 2;", "2 of 10", "> 1e130"):
         assert phrase in text
-    assert "30 % of the energy" in output.error_warnings(error)[0]
+    assert "mirror part" not in text
+    assert "mirror part      0.02 of the light" in "\n".join(output.error_lines({**error, "delta": 0.02}))
+    assert "mirror part      0 of the light" in "\n".join(output.error_lines({**error, "delta": 0.0}, has_delta=True))
+    no_light, not_finite = ({"l1": None, "regular": regular} for regular in (False, True))
+    assert "no regular part" in "\n".join(output.error_lines(no_light))
+    assert "not finite" in "\n".join(output.error_lines(not_finite))
     assert "none recorded" in next(output.error_lines({}))
     assert "no regular part" in "\n".join(output.error_lines({"l1": None, "directions": 1, "seed": 1}))

@@ -10,6 +10,7 @@ import pytest
 import brdfcore as bc
 from brdfcore import testing
 from brdfcore.formats.tensor_file import encode
+from brdfcore.parameters import Parameter
 from brdfcore.registry import FORMATS, REPRESENTATIONS
 from tests.core.rgl_synthetic import fields_of
 
@@ -19,6 +20,38 @@ MODELS = dict(testing.example_models())
 @pytest.mark.parametrize("name", MODELS)
 def test_model(name: str) -> None:
     testing.check_brdf(MODELS[name])
+    testing.check_pickle(MODELS[name])
+
+
+def test_examples_reach_every_choice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also those that need an index of refraction; one that nothing reaches is a failure, not a silent gap."""
+    for wanted in (
+        "fresnel=conductor-ior=gold",
+        "fresnel=dielectric-ior=1.5",
+        "fresnel=schlick-ior=metals",
+        "ior=gold",
+    ):
+        assert f"cook_torrance-{wanted}" in MODELS
+    assert MODELS["cook_torrance-ior=metals"].channels == ("R", "G", "B")
+
+    def refused(name: str, **parameters: object) -> bc.Brdf:
+        if parameters:
+            raise bc.InputError("bad_parameter", "refused")
+        return MODELS["lambert"]
+
+    choice = Parameter("way", "", "how", "a", kind="choice", choices=("a",))
+    monkeypatch.setattr(testing.catalogue, "models", lambda: {"lambert": (choice,)})
+    monkeypatch.setattr(testing.catalogue, "model", refused)
+    with pytest.raises(AssertionError, match="way = 'a' is declared"):
+        list(testing.example_models())
+
+
+@pytest.mark.parametrize("key", ["self", "name"])
+def test_a_model_file_with_the_name_of_an_argument(key: str, tmp_path: Path) -> None:
+    path = tmp_path / "m.json"
+    path.write_text(f'{{"model": "lambert", "parameters": {{"{key}": 1}}}}')
+    with pytest.raises(bc.FileFormatError, match=f"no model has a parameter '{key}'"):
+        bc.read(path)
 
 
 @pytest.mark.parametrize("name", bc.models())

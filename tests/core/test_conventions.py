@@ -77,8 +77,12 @@ def test_channels() -> None:
     for bad in ([], ["R", "R"], ["R", 5.0], [-1.0], [float("nan")], [True]):
         with pytest.raises(bc.InputError):
             bc.Channels(bad)  # type: ignore[arg-type]
-    with pytest.raises(bc.UnknownNameError, match="R, G, B"):
-        rgb.find("purple")
+    for miss in ("purple", "\u00b2", "\u0661", "9" * 5_000, "", " ", "-1", "3"):  # digits to isdigit, not to int
+        with pytest.raises(bc.UnknownNameError, match="R, G, B"):
+            rgb.find(miss)
+    assert bc.Channels(["a", ""]).find("1") == 1
+    with pytest.raises(bc.InputError):
+        bc.Channels([10**400])
 
 
 def test_sums_and_multiples() -> None:
@@ -97,6 +101,18 @@ def test_sums_and_multiples() -> None:
         Skewed() + bc.model("lambert", reflectance=[0.1, 0.2])
     with pytest.raises(TypeError):
         a + 1  # type: ignore[operator]
+    with pytest.raises(TypeError):
+        1 + a
+    total = sum([a, b, a])
+    assert isinstance(total, bc.Brdf)
+    assert np.array_equal(total.evaluate(*angles), (a + b + a).evaluate(*angles))
+    for factor in (np.array([0.1, 0.2, 0.3]), np.float32(0.5), np.float64(0.5), np.array(0.5)):
+        scaled = factor * Skewed()
+        assert isinstance(scaled, bc.Brdf)
+        assert np.array_equal(scaled.evaluate(*angles), (Skewed() * factor).evaluate(*angles))
+    for bad in (10**400, 10**5_000):
+        with pytest.raises(bc.InputError, match="factor"):
+            bad * a
 
 
 def test_errors_travel_between_processes() -> None:
@@ -111,3 +127,14 @@ def test_errors_travel_between_processes() -> None:
     )
     assert "theta_i[1] = 2.0" in str(again)
     assert again.context["index"] == [1]
+
+
+@pytest.mark.parametrize(
+    "value", [10**400, 10**5_000, [10**400, 0.5], -(10**400)], ids=["400", "5000", "list", "minus"]
+)
+def test_whole_numbers_beyond_any_float(value: object) -> None:
+    with pytest.raises(bc.InputError) as caught:
+        bc.model("lambert", reflectance=value)
+    assert caught.value.context["where"] == "reflectance"
+    with pytest.raises(bc.InputError):
+        Skewed().evaluate(value, 0.1, 0.1)  # type: ignore[arg-type]

@@ -200,4 +200,4 @@ def test_constants_are_the_listed_ones() -> None:
     assert CONSTANTS["silver"] == 0.177 + 3.638j
     assert CONSTANTS["steel"] == 2.485 + 3.433j
     assert CONSTANTS["diamond"] == 2.42
-    assert len(CONSTANTS) == 12
+    assert len(CONSTANTS) == 15

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
@@ -48,7 +50,7 @@ def test_standard_error_is_the_spread_over_seeds() -> None:
 
 
 def test_weights_integrate_the_hemispheres() -> None:
-    """(1/n) sum w estimates (int c dw)^2 = pi^2; no weight exceeds pi^2 / uniform_share."""
+    """(1/n) sum w estimates (int c dw)^2 = pi^2; no weight exceeds pi^2 / cosine_share."""
     drawn = mixture(100_000, 3)
     assert drawn.weight.mean() == pytest.approx(np.pi**2, abs=5 * drawn.weight.std() / np.sqrt(100_000))
     assert drawn.weight.max() <= np.pi**2 / 0.5 * (1 + 1e-9)
@@ -98,3 +100,54 @@ def test_nan_and_negative_values_are_counted() -> None:
     found = bc.compare(Constant(1.0), Constant(-0.5), directions=1_000)
     assert found.negatives == found.values
     assert bc.compare(Constant(1.0), Constant(float("nan")), directions=1_000).nan > 0
+
+
+class Wide(Constant):
+    """195 channels, as the files of the spectral database have."""
+
+    channels = bc.Channels([float(x) for x in range(360, 750, 2)])
+    energy_conserving = False
+
+
+def test_memory_does_not_grow_with_the_channels() -> None:
+    tracemalloc.start()
+    try:
+        found = bc.compare(Wide(0.3), Wide(0.27), directions=50_000)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert found.values > 9_000_000
+    assert peak < 150e6  # float64 values of both take this already, before any difference of them
+    assert found.l1 == pytest.approx(0.1, rel=1e-12)
+    assert found.log_ratio["p50"] == pytest.approx(-np.log(0.9), rel=1e-5)
+
+
+def test_pieces_give_the_same_measures(monkeypatch: pytest.MonkeyPatch) -> None:
+    a, b = bc.model("ggx", roughness=[0.3, 0.2, 0.1]), bc.model("ggx", roughness=[0.31, 0.22, 0.1])
+    whole = bc.compare(a, b, directions=9_000).to_json()
+    monkeypatch.setattr(metrics, "_CHUNK", 3 * 1_000)
+    pieces = bc.compare(a, b, directions=9_000).to_json()
+    for key in ("l1", "l1_stderr", "rel_l2", "negatives", "nan", "values", "delta"):
+        assert pieces[key] == pytest.approx(whole[key], rel=1e-12), key
+    assert pieces["log_ratio"] == pytest.approx(whole["log_ratio"], rel=0.05)  # d comes from the first piece
+
+
+@pytest.mark.parametrize("directions", [0, -1, 1.5, "5", True, 10**400, None])
+def test_numbers_of_directions_that_cannot_be(directions: object) -> None:
+    with pytest.raises(bc.InputError) as caught:
+        bc.compare(Constant(0.1), Constant(0.2), directions=directions)  # type: ignore[arg-type]
+    assert caught.value.context["where"] == "directions"
+
+
+@pytest.mark.parametrize("seed", [-1, "x", 0.5])
+def test_seeds_that_cannot_be(seed: object) -> None:
+    with pytest.raises(bc.InputError) as caught:
+        bc.compare(Constant(0.1), Constant(0.2), directions=10, seed=seed)  # type: ignore[arg-type]
+    assert caught.value.context["where"] == "seed"
+
+
+def test_delta_parts_are_compared_between_the_nodes() -> None:
+    a, b = bc.model("mirror", ior=1.5), bc.model("mirror", ior=1.6)
+    theta = np.linspace(0, np.pi / 2, 10_000)
+    exact = np.abs(a.delta_reflectance(theta) - b.delta_reflectance(theta)).max()
+    assert bc.compare(a, b, directions=10).delta == pytest.approx(exact, rel=1e-3)

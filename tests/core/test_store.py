@@ -16,6 +16,7 @@ import brdfcore as bc
 from brdfcore import testing
 from brdfcore.tables import store
 from brdfcore.tables.angle_grid import AngleGrid
+from tests.core.conftest import Run
 from tests.core.test_launch import finish, start
 
 FLAGS = {"bilateral": True, "reciprocal": False, "energy_conserving": False, "non_negative": False}
@@ -128,6 +129,20 @@ def replace_values(make: Callable[[Any], None]) -> Callable[[Any], None]:
     return edit
 
 
+def replace_delta(value: float) -> Callable[[Any], None]:
+    def edit(file: Any) -> None:
+        file["arrays/delta"][...] = value
+
+    return edit
+
+
+def nested(levels: int) -> dict[str, Any]:
+    value: dict[str, Any] = {}
+    for _ in range(levels):
+        value = {"x": value}
+    return value
+
+
 def set_nan(file: Any) -> None:
     file["arrays/values"][0, 0, 0, 0] = np.nan
 
@@ -142,6 +157,25 @@ HOSTILE: dict[str, tuple[Callable[[Any], None], type[bc.BrdfError], str]] = {
     "header is text": (edit_header(channels="RGB"), bc.FileFormatError, "header/channels"),
     "unknown representation": (edit_header(representation="os.system"), bc.FileFormatError, "representation"),
     "newer schema": (edit_header(schema_version=2), bc.FileFormatError, "schema version 2"),
+    "newer evaluation": (edit_header(evaluation_version=2), bc.FileFormatError, "evaluation version 2"),
+    "version is true": (edit_header(schema_version=True), bc.FileFormatError, "header/schema_version"),
+    "error of texts": (edit_header(error={"l1": "<b>", "warnings": 5}), bc.FileFormatError, "header/error"),
+    "l1 is text": (edit_header(error={"l1": "<b>"}), bc.FileFormatError, "header/error/l1"),
+    "l1 is huge": (edit_header(error={"l1": 10**400}), bc.FileFormatError, "header/error/l1"),
+    "l1 is infinite": (edit_header(error={"l1": float("inf")}), bc.FileFormatError, "not JSON"),
+    "warnings are a number": (edit_header(error={"warnings": 5}), bc.FileFormatError, "header/error/warnings"),
+    "bias is a list": (edit_header(error={"albedo_bias": [1]}), bc.FileFormatError, "header/error/albedo_bias"),
+    "bias of texts": (edit_header(error={"albedo_bias": {"bias": ["x"]}}), bc.FileFormatError, "albedo_bias"),
+    "ratio of texts": (edit_header(error={"log_ratio": {"p99": "x"}}), bc.FileFormatError, "log_ratio"),
+    "report of numbers": (edit_header(report={"done": [5]}), bc.FileFormatError, "header/report/done"),
+    "source of objects": (edit_header(source={"name": {}}), bc.FileFormatError, "header/source/name"),
+    "deep metadata": (edit_header(metadata=nested(400)), bc.FileFormatError, "levels"),
+    "delta above 1": (replace_delta(1.5), bc.FileFormatError, "delta"),
+    "false claim": (
+        edit_header(flags={**FLAGS, "non_negative": True}, channels=["below", "0"], channel_kind="name"),
+        bc.FileFormatError,
+        "non_negative",
+    ),
     "flags missing": (edit_header(flags={}), bc.FileFormatError, "header/flags"),
     "wrong channel count": (edit_header(channels=[1.0]), bc.FileFormatError, "channel"),
     "bad channels": (edit_header(channels=[[], {}]), bc.FileFormatError, "channels"),
@@ -203,9 +237,56 @@ HOSTILE: dict[str, tuple[Callable[[Any], None], type[bc.BrdfError], str]] = {
 def test_hostile_file(what: str, tmp_path: Path) -> None:
     edit, error, words = HOSTILE[what]
     path = tmp_path / "hostile.h5"
-    small().save(path)
+    small(-0.5 if what == "false claim" else 0.25).save(path)
     with h5py.File(path, "r+") as file:
         edit(file)
     with pytest.raises(error, match=words) as caught:
         bc.open_table(path)
     assert "hostile.h5" in str(caught.value)
+
+
+def test_a_table_of_an_older_evaluation_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It answers as the present evaluation does and gets that one's id; the id of its own can't be checked."""
+    path = tmp_path / "old.h5"
+    old = small()
+    before = old.id
+    old.save(path)
+    monkeypatch.setattr(AngleGrid, "EVALUATION_VERSION", 2)
+    opened = bc.open_table(path)
+    assert opened.id == small().id != before
+    assert np.array_equal(opened.evaluate(0.1, 0.2, 0.3), old.evaluate(0.1, 0.2, 0.3))
+
+
+def test_values_changed_in_place_are_saved_under_their_own_id(tmp_path: Path) -> None:
+    table = small()
+    before = table.id
+    table.to_arrays()["values"][0, 0, 0, 0] += 1
+    table.save(tmp_path / "a.h5")
+    assert bc.open_table(tmp_path / "a.h5").id == table.computed_id() != before
+
+
+@pytest.mark.parametrize("key", ["metadata", "report", "error", "source"])
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), {1}, object(), b"x"], ids=str)
+def test_facts_that_json_cannot_hold_are_refused_by_name(key: str, value: object, tmp_path: Path) -> None:
+    table = small()
+    getattr(table, key)["x"] = value
+    with pytest.raises(bc.InputError, match=key) as caught:
+        table.save(tmp_path / "a.h5")
+    assert caught.value.context["where"] == key
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_could_not_be_opened_is_not_saved(tmp_path: Path) -> None:
+    table = small()
+    table.error = {"l1": "much"}
+    with pytest.raises(bc.InputError, match="error/l1"):
+        table.save(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("error", [{}, {"l1": None}, {"albedo_bias": {"bias": [1.0], "theta_i": [None]}, "seed": None}])
+def test_info_of_any_header_that_opens(error: dict[str, Any], tmp_path: Path, run: Run) -> None:
+    table = small()
+    table.error = error
+    table.save(tmp_path / "a.h5")
+    code, _, err = run("info", tmp_path / "a.h5")
+    assert (code, err) == (0, "")

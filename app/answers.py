@@ -1,0 +1,118 @@
+"""Values into the answer that was asked for: JSON, plain numbers or .npy, with or without the status of each point.
+
+octet-stream   values[point][channel], little-endian, C order; with status=true one byte a point follows.
+.npy           an array of shape (points, channels); with status=true a second .npy of the status follows it.
+Both say the rest in headers: X-Brdf-Angles, -Dtype, -Shape, -Channels, -Id, -Error, -Has-Delta.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import brdfcore as bc
+from app.angles import AngleRequest, Unit, in_request_units
+from app.binary import npy_head, precision_of
+from app.json_codec import array_to_json, to_header, to_json
+from app.library import Material
+from app.negotiation import Kind
+
+VALUE_UNIT = "1/sr"
+STATUS_NAMES = [s.name.lower() for s in bc.Status]
+
+
+class Evaluated(NamedTuple):
+    """The body of an answer, the headers that explain it, and the seconds that the look-ups took."""
+
+    body: bytes | memoryview
+    headers: dict[str, str]
+    seconds: float
+
+
+def answer(material: Material, angles: AngleRequest, kind: Kind, status: bool) -> Evaluated:
+    """f_r at the angles. Raises `InputError` in the request's own unit and index."""
+    try:
+        if kind == "json":
+            return _json(material, angles, status)
+        return _numbers(material, angles, kind, status)
+    except bc.InputError as error:
+        raise in_request_units(error, angles) from error
+
+
+def error_in_short(error: dict[str, Any]) -> dict[str, Any]:
+    """What an answer says of a table's measured error; the material's metadata has all of it."""
+    return {k: error[k] for k in ("l1", "l1_stderr", "warnings") if k in error}
+
+
+def _json(material: Material, angles: AngleRequest, status: bool) -> Evaluated:
+    brdf, radians = material.brdf, angles.radians()
+    begun = time.perf_counter()
+    values = brdf.evaluate(*radians, outside=angles.outside)
+    seconds = time.perf_counter() - begun
+    # floats are written by their shortest text, so that they read back to the same bits
+    rows = array_to_json(values.reshape(-1, values.shape[-1]))
+    extra = b""
+    if status:
+        codes = array_to_json(brdf.status(*radians).reshape(-1))
+        extra = b'"status":%b,"status_names":%b,' % (codes, to_json(STATUS_NAMES))
+    return Evaluated(b'{"values":%b,%b%b' % (rows, extra, _tail(material, angles.unit)), {}, seconds)
+
+
+def _tail(material: Material, unit: Unit) -> bytes:
+    """The fields after the values, without their opening brace; they are the same for every answer."""
+    held: dict[str, bytes] = material.parts
+    if unit not in held:
+        fields = {
+            "channels": material.brdf.channels.to_json(),
+            "unit": VALUE_UNIT,
+            "angles": unit,
+            "id": material.id,
+            "error": error_in_short(material.facts["error"]),
+            "has_delta": bool(material.brdf.has_delta),
+        }
+        held[unit] = to_json(fields)[1:]
+    return held[unit]
+
+
+def _numbers(material: Material, angles: AngleRequest, kind: Kind, status: bool) -> Evaluated:
+    brdf, radians = material.brdf, angles.radians()
+    shape = (angles.points, len(brdf.channels))
+    dtype = np.result_type(*radians)
+    precision = precision_of(np.empty(0, dtype))
+    head = npy_head(shape, f"<{precision}") if kind == "npy" else b""
+    tail = npy_head(shape[:1], "|u1") if kind == "npy" and status else b""
+    end = len(head) + shape[0] * shape[1] * dtype.itemsize
+    # one buffer for the whole body: the kernels write where the server reads. Heads are multiples of 64 bytes
+    body = np.empty(end + len(tail) + (shape[0] if status else 0), np.uint8)
+    body[: len(head)] = np.frombuffer(head, np.uint8)
+    values = body[len(head) : end].view(dtype).reshape(shape)
+    # scalars broadcast to one point, whose result has no axis of points
+    out = values[0] if all(a.ndim == 0 for a in radians) else values
+    begun = time.perf_counter()
+    brdf.evaluate(*radians, out=out, outside=angles.outside)
+    seconds = time.perf_counter() - begun
+    if not np.little_endian:
+        values.byteswap(inplace=True)
+    if status:
+        body[end : end + len(tail)] = np.frombuffer(tail, np.uint8)
+        body[end + len(tail) :] = brdf.status(*radians).reshape(-1)
+    headers = {
+        "x-brdf-angles": angles.unit,
+        "x-brdf-dtype": precision,
+        "x-brdf-shape": f"{shape[0]},{shape[1]}",
+        **_facts(material),
+    }
+    return Evaluated(memoryview(body.data), headers, seconds)
+
+
+def _facts(material: Material) -> dict[str, str]:
+    """What a JSON answer says beside its values, as headers: JSON in ASCII, so that no name can break out."""
+    error = {k: v for k, v in error_in_short(material.facts["error"]).items() if k != "warnings"}
+    return {
+        "x-brdf-channels": to_header(material.brdf.channels.to_json()),
+        "x-brdf-id": material.id,
+        "x-brdf-error": to_header(error),
+        "x-brdf-has-delta": "true" if material.brdf.has_delta else "false",
+    }

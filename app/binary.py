@@ -1,0 +1,113 @@
+"""Angles as plain numbers: three C-order rows theta_i, theta_o, delta_phi, bare or as a .npy file of shape (3, n)."""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+import brdfcore as bc
+from app.angles import AngleRequest, Array, Outside, Unit, check_points
+from app.bodies import Bytes
+from app.errors import MalformedBodyError
+from app.settings import Settings
+
+Precision = Literal["f4", "f8"]
+
+_MAGIC = b"\x93NUMPY"
+#: The format writes the header with its keys sorted; anything else is refused before it is interpreted.
+_HEADER = re.compile(
+    rb"\{'descr': '([<>=|]?[a-zA-Z][0-9]{0,3})', 'fortran_order': (True|False), "
+    rb"'shape': \(([0-9]{0,18}(?:, ?[0-9]{1,18}){0,7}),?\),? ?\}[ \n]*"
+)
+_LONGEST_HEADER = 4096
+
+
+def precision_of(array: npt.NDArray[Any]) -> Precision:
+    """ "f4" or "f8"."""
+    return "f4" if array.dtype == np.float32 else "f8"
+
+
+def angles_from_octets(
+    body: Bytes, precision: Precision, unit: Unit, outside: Outside, settings: Settings
+) -> AngleRequest:
+    """The angles of an octet-stream body: views into it, nothing is copied on a little-endian machine."""
+    row = 3 * int(precision[1])
+    if len(body) % row:
+        raise bc.InputError(
+            "bad_length",
+            f"the body has {len(body)} bytes; expected a multiple of {row}: three rows of {precision} numbers",
+            where="body",
+            got=len(body),
+            expected=f"a multiple of {row}",
+        )
+    check_points(len(body) // row, settings)
+    return _rows(body.view(f"<{precision}").reshape(3, -1), unit, outside)
+
+
+def angles_from_npy(
+    body: Bytes, precision: Precision | None, unit: Unit, outside: Outside, settings: Settings
+) -> AngleRequest:
+    """The angles of a .npy body of shape (3, n). Raises `MalformedBodyError` for what is no such file."""
+    dtype, fortran, shape, start = _npy_header(body)
+    expected = "a .npy array of shape (3, n), float32 or float64"
+    if dtype not in ("<f4", "<f8", ">f4", ">f8", "=f4", "=f8") or len(shape) != 2 or shape[0] != 3:
+        raise bc.InputError(
+            "bad_array",
+            f"the array is {dtype} of shape {shape}; expected {expected}",
+            where="body",
+            got=f"{dtype} {shape}",
+            expected=expected,
+        )
+    if precision is not None and dtype[1:] != precision:
+        raise bc.InputError(
+            "given_twice", f"dtype: the query says {precision}, the file {dtype[1:]}", where="dtype", expected=dtype[1:]
+        )
+    check_points(shape[1], settings)
+    wanted = 3 * shape[1] * int(dtype[2])
+    if len(body) - start != wanted:
+        raise MalformedBodyError(
+            "bad_npy",
+            f"the file declares {wanted} bytes of data and has {len(body) - start}",
+            where="body",
+            offset=start,
+            got=len(body) - start,
+            expected=wanted,
+        )
+    flat = body[start:].view(dtype.replace("=", "<"))
+    rows = flat.reshape(shape[1], 3).T if fortran else flat.reshape(3, -1)
+    return _rows(rows, unit, outside)
+
+
+def npy_head(shape: tuple[int, ...], dtype: str) -> bytes:
+    """What stands before the data of a .npy file (format 1.0), a multiple of 64 bytes long."""
+    text = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    text += b" " * (-(len(text) + 11) % 64) + b"\n"
+    return _MAGIC + b"\x01\x00" + struct.pack("<H", len(text)) + text
+
+
+def _rows(rows: npt.NDArray[Any], unit: Unit, outside: Outside) -> AngleRequest:
+    native: Array = rows.astype(rows.dtype.newbyteorder("="), copy=False)
+    return AngleRequest(native[0], native[1], native[2], unit, outside)
+
+
+def _npy_header(body: Bytes) -> tuple[str, bool, tuple[int, ...], int]:
+    """(dtype, Fortran order, shape, byte at which the data begins)."""
+    head = body[: _LONGEST_HEADER + 12].tobytes()
+    if head[:6] != _MAGIC or len(head) < 12 or head[6] not in (1, 2, 3):
+        raise _no_npy("no .npy file: it begins with other bytes", 0)
+    start, length = (10, head[8] + 256 * head[9]) if head[6] == 1 else (12, struct.unpack_from("<I", head, 8)[0])
+    found = _HEADER.fullmatch(head[start : start + length]) if length <= _LONGEST_HEADER else None
+    if found is None or start + length > len(body):
+        raise _no_npy("its header is not one that numpy writes for an array of numbers", start)
+    shape = tuple(int(n) for n in found[3].split(b",") if n.strip())
+    return found[1].decode(), found[2] == b"True", shape, start + length
+
+
+def _no_npy(what: str, offset: int) -> MalformedBodyError:
+    return MalformedBodyError(
+        "bad_npy", f"the body is {what}" if offset == 0 else f"the body: {what}", where="body", offset=offset
+    )

@@ -1,0 +1,175 @@
+"""What is said between client and service, as generators: each yields a `Call` or a `Pause`, is sent the `Answer`, or
+thrown the error the call ended in, and returns its result. The synchronous and the asynchronous client only drive them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Generator, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.client import calls
+from brdfcore.client.calls import Answer, Call, Pause
+from brdfcore.client.connection import Connection
+from brdfcore.client.errors import with_index
+from brdfcore.client.progress import reporting
+from brdfcore.conventions import FloatArray, as_float
+from brdfcore.errors import BrdfError, InputError, LimitError
+
+T = TypeVar("T")
+Exchange = Generator[Call | Pause, Any, T]
+
+Flat = tuple[FloatArray, FloatArray, FloatArray]
+
+#: Angles of one albedo request: what a service takes by default.
+_ANGLES_AT_ONCE = 16
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+#: What every material's metadata says.
+_FACTS = ("name", "id", "channels", "bilateral", "reciprocal", "energy_conserving", "non_negative", "has_delta")
+
+
+def checked_name(name: str) -> str:
+    """`name`, unless no material can have it; a path is never built from such a name."""
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise InputError(
+            "bad_name",
+            f"no material can have the name {str(name)[:80]!r}: 1 to 64 letters, digits, dots, dashes and underscores, "
+            "a letter or digit first",
+            where="name",
+            got=str(name)[:80],
+            expected=_NAME.pattern,
+        )
+    return name
+
+
+def materials() -> Exchange[list[dict[str, Any]]]:
+    """Every line of the list, page by page, in order of the names."""
+    lines: list[dict[str, Any]] = []
+    call: Call | None = calls.get("materials", query={"limit": 1000})
+    while call is not None:
+        answer: Answer = yield call
+        page = answer.json()
+        if not isinstance(page, dict) or not isinstance(page.get("materials"), list):
+            raise calls.unexpected(answer, "a list of materials")
+        lines += page["materials"]
+        following = page.get("next")
+        if following is not None and not (isinstance(following, str) and following.startswith("/v1/")):
+            raise calls.unexpected(answer, "the path of the next page")
+        call = Call("GET", following, {"accept": calls.JSON}) if following else None
+    return lines
+
+
+def facts(*address: str) -> Exchange[dict[str, Any]]:
+    """Metadata of a material."""
+    answer: Answer = yield calls.get(*address)
+    found = answer.json()
+    if not isinstance(found, dict) or any(k not in found for k in _FACTS):
+        raise calls.unexpected(answer, "the metadata of a material")
+    return found
+
+
+def evaluate(id: str, stage: str, angles: Flat, out: FloatArray, connection: Connection) -> Exchange[None]:
+    """f_r of n checked pairs into `out` (n, channels), in several requests if they are many.
+
+    A service that wants fewer points at a time gets fewer. An error that names an index names it in the whole batch.
+    """
+    count, start = out.shape[0], 0
+    size = connection.chunk(out.shape[1])
+    with reporting(connection.progress if count > size else False) as report:
+        while start < count:
+            stop = min(start + size, count)
+            a, b, c = (x[start:stop] for x in angles)
+            try:
+                answer: Answer = yield calls.evaluate(id, (a, b, c))
+            except LimitError as error:
+                size = _smaller(error, stop - start)
+                continue
+            except InputError as error:
+                raise _in_batch(error, start) from error
+            calls.read_values(answer, out[start:stop])
+            start = stop
+            report(start, count, stage)
+
+
+def _smaller(error: LimitError, size: int) -> int:
+    """Points to send at a time after so many were refused as too many."""
+    if size == 1:
+        raise error
+    limit = error.context.get("limit")
+    allowed = limit if error.context.get("where") == "points" and isinstance(limit, int) and limit >= 1 else size
+    return min(allowed, size // 2)
+
+
+def _in_batch(error: BrdfError, start: int) -> BrdfError:
+    index = error.context.get("index")
+    if not isinstance(index, list) or not all(isinstance(k, int) for k in index):
+        return error
+    return with_index(error, [start + (index[0] if index else 0)])
+
+
+def in_shape(error: BrdfError, *angles: npt.ArrayLike) -> BrdfError:
+    """A service's complaint about point k of a flat batch, with k as an index of the caller's broadcast arrays."""
+    index = error.context.get("index")
+    if "http_status" not in error.context or not isinstance(index, list) or len(index) != 1:
+        return error
+    shape = np.broadcast_shapes(*(np.shape(a) for a in angles))
+    return with_index(error, [int(k) for k in np.unravel_index(index[0], shape)] if shape else [])
+
+
+def status(id: str, angles: Flat, channels: int, connection: Connection) -> Exchange[npt.NDArray[np.uint8]]:
+    """Status codes of n checked pairs, (n,)."""
+    count, size = angles[0].size, connection.chunk(channels)
+    codes = np.empty(count, np.uint8)
+    start = 0
+    while start < count:
+        stop = min(start + size, count)
+        a, b, c = (x[start:stop] for x in angles)
+        try:
+            answer: Answer = yield calls.evaluate(id, (a, b, c), status=True)
+        except LimitError as error:
+            size = _smaller(error, stop - start)
+            continue
+        codes[start:stop] = calls.read_codes(answer, a.dtype, (stop - start, channels))
+        start = stop
+    return codes
+
+
+def reflectances(id: str, name: str, theta_i: npt.NDArray[np.float64], channels: int) -> Exchange[FloatArray]:
+    """What the albedo answer calls `name` ("values": the albedo) at n checked angles, (n, channels), float64."""
+    found = np.empty((theta_i.size, channels))
+    start, size = 0, _ANGLES_AT_ONCE
+    while start < theta_i.size:
+        part = np.s_[start : min(start + size, theta_i.size)]
+        try:
+            answer: Answer = yield calls.get("tables", id, "albedo", query={"theta_i": theta_i[part], "angles": "rad"})
+        except LimitError as error:
+            size = _smaller(error, part.stop - start)
+            continue
+        calls.read_rows(answer, name, found[part])
+        start = part.stop
+    return found
+
+
+def slice(id: str, theta_i: npt.ArrayLike, format: str, **looks: Any) -> Exchange[dict[str, Any] | bytes]:
+    """A slice: the JSON answer as a dict, every other format as bytes."""
+    angles = as_float("theta_i", theta_i).astype(np.float64)
+    query = {"theta_i": angles, "angles": "rad", **looks}
+    answer: Answer = yield calls.get("tables", id, f"slice.{format}", query=query, accept="*/*")
+    return answer.json() if format == "json" else answer.content
+
+
+def plain(value: Any) -> Any:
+    """`value` as JSON takes it: numpy's numbers and arrays become Python's, complex ones a refractive index."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, (set, frozenset)):
+        return sorted(value)
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    return {"n": value.real, "k": value.imag} if isinstance(value, complex) else value

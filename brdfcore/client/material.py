@@ -1,0 +1,129 @@
+"""A material of a service as a `Brdf`: the same signature and the same bits, evaluated there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore import conventions
+from brdfcore.brdf import Brdf
+from brdfcore.client import exchanges
+from brdfcore.client.connection import Connection
+from brdfcore.client.described import Described
+from brdfcore.client.exchanges import Exchange
+from brdfcore.conventions import FloatArray, Outside
+from brdfcore.errors import BrdfError
+
+View = Literal["polar", "hemisphere"]
+Scale = Literal["linear", "log"]
+Channel = str | float | None
+Run = Callable[[Exchange[Any]], Any]
+
+
+class RemoteBrdf(Described, Brdf):
+    """A material that a service evaluates; made by `Client.material` and `Client.table`.
+
+    It is the state of the material at that moment: questions go to its `id`, so that one object never answers from
+    two tables. Once the material is replaced or deleted they end in `UnknownNameError`; ask the client for it again.
+
+    Arguments are checked here, before anything is sent, and raise what a local `Brdf` raises; what fails on the way
+    raises `ServiceError`, `DeadlineError` or what the service says (see `Client`). Values are the same bits as local
+    ones, float32 or float64, but for `evaluate_vectors` of an analytic model: a service takes angles, which is how
+    tables are looked up, but a model's formula of the vectors themselves differs by the rounding of these angles,
+    about 1e-14 of the value over the roughness. For vectors of float32 that rounds away.
+
+    Its attributes are listed at `Described`.
+    """
+
+    def __init__(self, run: Run, connection: Connection, facts: Mapping[str, Any]) -> None:
+        Brdf.__init__(self)
+        self._run = run
+        self._adopt(connection, facts)
+
+    def evaluate(
+        self,
+        theta_i: npt.ArrayLike,
+        theta_o: npt.ArrayLike,
+        delta_phi: npt.ArrayLike,
+        *,
+        out: FloatArray | None = None,
+        outside: Outside = "raise",
+    ) -> FloatArray:
+        """As `Brdf.evaluate`. Large batches go in several requests, with a bar on a terminal."""
+        try:
+            return super().evaluate(theta_i, theta_o, delta_phi, out=out, outside=outside)
+        except BrdfError as error:
+            raise exchanges.in_shape(error, theta_i, theta_o, delta_phi) from error
+
+    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        self._run(exchanges.evaluate(self.id, self.name, (theta_i, theta_o, delta_phi), out, self._connection))
+        return True
+
+    def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
+        angles = self._angles(wi, wo, out.dtype)
+        values = np.empty(out.shape, angles[0].dtype)
+        self._evaluate(*angles, values)
+        out[...] = self._rounded(values, out.dtype)
+
+    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
+        codes = self._run(
+            exchanges.status(self.id, (theta_i, theta_o, delta_phi), len(self.channels), self._connection)
+        )
+        return np.asarray(codes, np.uint8)
+
+    def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        if not self.has_delta:
+            return super()._delta_reflectance(theta_i)
+        values = self._run(exchanges.reflectances(self.id, "delta_reflectance", theta_i, len(self.channels)))
+        return np.asarray(values)
+
+    def _albedo(
+        self, theta_i: npt.ArrayLike, points: int, azimuths: int, tolerance: float, budget: int
+    ) -> tuple[FloatArray, FloatArray]:
+        if budget or (points, azimuths) != (12, 64):  # another integral than the service does: of the values it gives
+            return super()._albedo(theta_i, points, azimuths, tolerance, budget)
+        angles = conventions.check_domain(conventions.flatten_angles(theta_i, 0.0, 0.0))
+        thetas = np.minimum(angles.theta_i.astype(np.float64), conventions.HALF_PI)
+        flat = self._run(exchanges.reflectances(self.id, "values", thetas, len(self.channels)))
+        values = np.asarray(flat).reshape((*angles.shape, len(self.channels)))
+        return values, np.full_like(values, np.nan)
+
+    @overload
+    def slice(
+        self, theta_i: npt.ArrayLike, *, view: View = ..., format: Literal["json"] = ..., channel: Channel = ...
+    ) -> dict[str, Any]: ...
+
+    @overload
+    def slice(
+        self,
+        theta_i: npt.ArrayLike,
+        *,
+        view: View = ...,
+        format: Literal["svg", "png", "csv"],
+        channel: Channel = ...,
+        scale: Scale | None = ...,
+    ) -> bytes: ...
+
+    def slice(
+        self,
+        theta_i: npt.ArrayLike,
+        *,
+        view: View = "polar",
+        format: Literal["json", "svg", "png", "csv"] = "json",
+        channel: Channel = None,
+        scale: Scale | None = None,
+    ) -> dict[str, Any] | bytes:
+        """A slice of the material: numbers in radians (json: a dict; csv: bytes), or a picture (svg, png: bytes).
+
+        theta_i  polar angles of the light, radians; exactly one for view="hemisphere".
+        view     "polar": the plane of incidence, theta_o positive on the mirror side; "hemisphere": all directions.
+        scale    "linear" or "log", pictures only.
+        channel  name, wavelength in nm or position; default: the picture's choice, or all of them as numbers.
+        """
+        result: dict[str, Any] | bytes = self._run(
+            exchanges.slice(self.id, theta_i, format, view=view, channel=channel, scale=scale)
+        )
+        return result
