@@ -147,7 +147,8 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     made = dict(pairs)
     if len(made) != len(pairs):
         keys = [k for k, _ in pairs]
-        twice = next(k for k in keys if keys.count(k) > 1)
+        seen: set[str] = set()
+        twice = next(k for k in keys if k in seen or seen.add(k))  # type: ignore[func-returns-value]
         raise bc.InputError("field_twice", "the body has a field twice", where="body", got=twice[:80])
     return made
 

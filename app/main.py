@@ -140,20 +140,28 @@ def serve(
 
 
 def _fill(settings: Settings) -> None:
-    """Make the data folder, and the starter library if it is empty and that is wanted."""
+    """Make the data folder, and the starter library if it holds no material and that is wanted.
+
+    A hidden file marks a library that is being built, so that a start that was interrupted is finished by the next.
+    """
+    unfinished = settings.data / ".starter-unfinished"
     try:
         settings.data.mkdir(parents=True, exist_ok=True)
-        empty = not any(settings.data.iterdir())
+        empty = not any(p.suffix in (".h5", ".json") for p in settings.data.iterdir())
+        wanted = settings.starter and (empty or unfinished.exists())
+        if wanted:
+            unfinished.touch()
     except OSError as error:
         raise bc.StorageError(
             "data_folder",
             f"{settings.data}: cannot be used as the data folder ({error.strerror}); choose another with --data",
             where="data",
         ) from error
-    if not (empty and settings.starter):
+    if not wanted:
         return
     with _progress(settings.data) as progress:
         bc.starter_library(settings.data, progress=progress)
+    unfinished.unlink(missing_ok=True)
 
 
 def _progress(folder: Path) -> AbstractContextManager[Callable[[int, int, str], None] | None]:

@@ -48,5 +48,11 @@ def warm_up(library: Library) -> None:
 def _look(facts: dict[str, object]) -> tuple[object, ...]:
     """What decides which machine code a material needs."""
     channels = facts.get("channels")
-    single = isinstance(channels, list) and len(channels) == 1
-    return (facts.get("representation", facts["kind"]), single, facts.get("bilateral"), facts.get("has_delta"))
+    count = len(channels) if isinstance(channels, list) else 0
+    # tables have one kernel for one channel, one for three and one for any other number
+    return (
+        facts.get("representation", facts["kind"]),
+        count if count in (1, 3) else 0,
+        facts.get("bilateral"),
+        facts.get("has_delta"),
+    )

@@ -32,7 +32,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_python_example(folder: Path) -> None:
-    (source,) = [block for kind, block in BLOCKS if kind == "python"]
+    (source,) = [block for kind, block in BLOCKS if kind == "python" and "Client" not in block]
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", source], cwd=folder, capture_output=True, text=True, check=False
     )
@@ -87,6 +87,16 @@ def test_curl_examples(address: str, tmp_path: Path) -> None:
         done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
     assert b"<svg" in (tmp_path / "slice.svg").read_bytes()
+
+
+def test_client_example(address: str, tmp_path: Path) -> None:
+    (source,) = [block for kind, block in BLOCKS if kind == "python" and "Client" in block]
+    source = source.replace("http://127.0.0.1:8000", address)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", source], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "gold-satin" in done.stdout
 
 
 def test_two_commands_and_nothing_else_to_set_up() -> None:

@@ -150,3 +150,21 @@ def test_empty_folder_is_filled(tmp_path: Path) -> None:
     assert code == 0
     assert "Traceback" not in errors
     assert "starter library" in errors
+
+
+def test_an_interrupted_start_is_finished_by_the_next(tmp_path: Path) -> None:
+    """The starter library is built again where a start was killed, and not where its owner removed a part."""
+    from app.main import _fill
+    from app.settings import Settings
+
+    settings = Settings.load(data=tmp_path)
+    (tmp_path / ".gitkeep").touch()
+    (tmp_path / ".starter-unfinished").touch()
+    (tmp_path / "white-lambert.json").write_text('{"model": "lambert", "parameters": {"reflectance": 0.8}}')
+    _fill(settings)
+    names = {p.name for p in tmp_path.iterdir()}
+    assert {"gold-satin.h5", "silver-mirror.json", "white-lambert.json"} <= names
+    assert ".starter-unfinished" not in names
+    (tmp_path / "gold-satin.h5").unlink()
+    _fill(settings)
+    assert not (tmp_path / "gold-satin.h5").exists()

@@ -19,6 +19,7 @@ TABLES = {
         True,
     ),
     "accuracy": (["accuracy", "--markdown"], True),
+    "tables": (["tables"], False),
     "lookup": (["lookup"], False),
 }
 

@@ -266,7 +266,9 @@ def test_values_changed_in_place_are_saved_under_their_own_id(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("key", ["metadata", "report", "error", "source"])
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), {1}, object(), b"x"], ids=str)
+@pytest.mark.parametrize(
+    "value", [float("nan"), float("inf"), {1}, object(), b"x"], ids=["nan", "inf", "set", "object", "bytes"]
+)
 def test_facts_that_json_cannot_hold_are_refused_by_name(key: str, value: object, tmp_path: Path) -> None:
     table = small()
     getattr(table, key)["x"] = value
