@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import logging
+import os
 import sys
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -31,6 +33,9 @@ from app.state import State
 from app.storing import Store
 from app.warmup import warm_up
 
+#: Name of the thread that compiles the kernels.
+WARM_UP = "warm-up"
+
 
 def create_app(settings: Settings | None = None, *, warm: bool = True) -> FastAPI:
     """The application over a data folder.
@@ -55,7 +60,7 @@ def create_app(settings: Settings | None = None, *, warm: bool = True) -> FastAP
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         state.jobs.clean()
         # a daemon: a service that is told to stop does not wait for the compiler
-        threading.Thread(target=warm_then_ready, name="warm-up", daemon=True).start()
+        threading.Thread(target=warm_then_ready, name=WARM_UP, daemon=True).start()
         yield
         state.jobs.stop()
 
@@ -136,7 +141,23 @@ def serve(
         if settings.log_level in ("debug", "info"):
             app.state.brdf.access_log = sys.stderr.write
         process.run(app, settings, listener, before_drain=app.state.brdf.drain)
+    _leave_the_compiler()
     return 0
+
+
+def _leave_the_compiler() -> None:
+    """Wait a little for a warm-up that is still compiling, then end the process without it.
+
+    The interpreter ends a daemon thread wherever it is; inside the compiler's C++ frames that aborts the process.
+    """
+    warming = [t for t in threading.enumerate() if t.name == WARM_UP]
+    for thread in warming:
+        thread.join(3)
+    if any(t.is_alive() for t in warming):
+        logging.shutdown()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def _fill(settings: Settings) -> None:

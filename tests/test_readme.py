@@ -81,7 +81,8 @@ def address(tmp_path: Path) -> Iterator[str]:
 @pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
 def test_curl_examples(address: str, tmp_path: Path) -> None:
     lines = [line for line in SHELL if line.startswith("curl ")]
-    assert len(lines) >= 4
+    assert len(lines) >= 8
+    (tmp_path / "paint.bsdf").write_bytes(encode(fields_of()))
     for line in lines:
         command = line.replace("http://127.0.0.1:8000", address).replace("curl -s", "curl -sS --fail-with-body")
         done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -265,8 +265,11 @@ def test_values_changed_in_place_are_saved_under_their_own_id(tmp_path: Path) ->
     assert bc.open_table(tmp_path / "a.h5").id == table.computed_id() != before
 
 
+UNFIT = {"nan": float("nan"), "inf": float("inf"), "set": {1}, "object": object(), "bytes": b"x"}
+
+
 @pytest.mark.parametrize("key", ["metadata", "report", "error", "source"])
-@pytest.mark.parametrize(
+@pytest.mark.parametrize("value", UNFIT.values(), ids=UNFIT)
     "value", [float("nan"), float("inf"), {1}, object(), b"x"], ids=["nan", "inf", "set", "object", "bytes"]
 )
 def test_facts_that_json_cannot_hold_are_refused_by_name(key: str, value: object, tmp_path: Path) -> None:
