@@ -19,7 +19,7 @@ TABLES = {
         True,
     ),
     "accuracy": (["accuracy", "--markdown"], True),
-    "tables": (["tables"], False),
+    "tables": (["tables", "measured", "analytic", "speed"], False),
     "lookup": (["lookup"], False),
 }
 
