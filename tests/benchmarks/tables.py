@@ -25,7 +25,8 @@ HALVES = (slice(0, 2000), slice(2000, None))
 def measured(max_bytes: int) -> None:
     """The ten files within `max_bytes`, three channels."""
     print(f"\nten measured files, half_difference, max_bytes = {max_bytes}")
-    print(f"{'material':20} {'bytes':>9} {'lobe':>7} {'uniform':>8} {'p99 |ln|':>9} {'t.error l1':>11} {'build s':>8}  nodes")
+    heads = f"{'bytes':>9} {'lobe':>7} {'uniform':>8} {'p99 |ln|':>9} {'t.error l1':>11} {'build s':>8}  nodes"
+    print(f"{'material':20} {heads}")
     worst, tails = [], []
     for name in shared.rgl_names():
         source = bc.read(shared.rgl_path(name))
