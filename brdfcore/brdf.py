@@ -132,6 +132,8 @@ class Brdf(ABC):
     has_delta: bool = False
     #: True if `_evaluate` notices inputs outside the plain domain itself (compiled kernels do, in the same pass).
     _checks_domain: bool = False
+    #: True if `_evaluate_raw_vectors` exists: vectors of any length, in their own type, checked in the same pass.
+    _takes_vectors: bool = False
     #: True if f is a formula, smooth but for few kinks: the albedo is then refined until its error is small.
     _analytic: bool = False
 
@@ -154,6 +156,13 @@ class Brdf(ABC):
         """f_r of unit vectors (n, 3), float64, both with z > 0, into `out` (n, channels)."""
         theta_i, theta_o, delta_phi = (x.astype(out.dtype, copy=False) for x in angles_from_vectors(wi, wo))
         self._evaluate(theta_i, theta_o, delta_phi, out)
+
+    def _evaluate_raw_vectors(self, wi: FloatArray, wo: FloatArray, out: FloatArray) -> bool:
+        """f_r of vectors as they were given, (n, 3) contiguous, of the type of `out`; 0 where z <= 0.
+
+        Returns True if every vector was finite, not zero, and of a squared length within [1e-12, 1e12].
+        """
+        raise NotImplementedError
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         """Status of n pairs inside the domain."""
@@ -219,6 +228,8 @@ class Brdf(ABC):
         Vectors need not be unit. A zero, NaN or infinite vector is an `InputError`. Result shape is the
         broadcast shape without the last axis + (channels,); float32 if both inputs are float32.
         """
+        if self._takes_vectors:
+            return self._evaluate_in_place(wi, wo, out)
         vectors = conventions.flatten_vectors(wi, wo)
         count = len(self.channels)
         values = conventions.prepare_out(out, (*vectors.shape, count), vectors.dtype)
@@ -231,6 +242,21 @@ class Brdf(ABC):
             self._evaluate_vectors(vectors.wi[above], vectors.wo[above], some)
             flat[above] = some
         values[...] = flat.reshape(values.shape)
+        return values
+
+    def _evaluate_in_place(self, wi: npt.ArrayLike, wo: npt.ArrayLike, out: FloatArray | None) -> FloatArray:
+        """`evaluate_vectors` by `_evaluate_raw_vectors`: no copies of vectors that can be read as they are."""
+        vectors = conventions.raw_vectors(wi, wo)
+        count = len(self.channels)
+        values = conventions.prepare_out(out, (*vectors.shape, count), vectors.dtype)
+        shared = out is not None and any(np.may_share_memory(out, v) for v in (vectors.wi, vectors.wo))
+        direct = values.flags.carray and not shared
+        flat = values.reshape(-1, count) if direct else np.empty((len(vectors.wi), count), values.dtype)
+        if not self._evaluate_raw_vectors(vectors.wi, vectors.wo, flat):
+            usable = conventions.scaled_vectors(vectors)
+            self._evaluate_raw_vectors(usable.wi, usable.wo, flat)
+        if not direct:
+            values[...] = flat.reshape(values.shape)
         return values
 
     def status(self, theta_i: npt.ArrayLike, theta_o: npt.ArrayLike, delta_phi: npt.ArrayLike) -> npt.NDArray[np.uint8]:

@@ -205,11 +205,15 @@ def reduce_delta_phi(delta_phi: FloatArray) -> FloatArray:
     return np.where(np.abs(delta_phi) <= PI_HI, delta_phi, reduced)
 
 
-class Vectors(NamedTuple):
-    """Checked directions: unit (n, 3) float64 arrays, the broadcast shape and the result's dtype."""
+#: Binary exponents of a vector's largest component beyond which its square is not formed as it is.
+_EXTREME = 16
 
-    wi: npt.NDArray[np.float64]
-    wo: npt.NDArray[np.float64]
+
+class Vectors(NamedTuple):
+    """Directions as (n, 3) arrays (float64 where checked and unit), the broadcast shape and the result's dtype."""
+
+    wi: npt.NDArray[Any]
+    wo: npt.NDArray[Any]
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
 
@@ -221,6 +225,41 @@ def flatten_vectors(wi: npt.ArrayLike, wo: npt.ArrayLike) -> Vectors:
     6e-8, more than the width of a sharp lobe. A zero, NaN or infinite vector is an `InputError`.
     Directions with z <= 0 are kept: the caller answers exactly 0 for them.
     """
+    a, b, shape, dtype = _vector_arrays(wi, wo)
+    flat = [
+        _normalised(name, np.broadcast_to(v, (*shape, 3)).reshape(-1, 3), shape) for name, v in (("wi", a), ("wo", b))
+    ]
+    return Vectors(flat[0], flat[1], shape, dtype)
+
+
+def raw_vectors(wi: npt.ArrayLike, wo: npt.ArrayLike) -> Vectors:
+    """Two sets of directions, broadcast, as (n, 3) contiguous arrays of the result's dtype; lengths are not checked
+    and kept. Inputs that fit are passed through uncopied."""
+    a, b, shape, dtype = _vector_arrays(wi, wo)
+    full = [v if v.shape == (*shape, 3) else np.broadcast_to(v, (*shape, 3)) for v in (a, b)]
+    flat = [np.ascontiguousarray(v, dtype=dtype).reshape(-1, 3) for v in full]
+    # a kernel compiled for read-only or unaligned memory would be another version, seconds of compiling: copy instead
+    flat = [v if v.flags.behaved else v.copy() for v in flat]
+    return Vectors(flat[0], flat[1], shape, dtype)
+
+
+def scaled_vectors(vectors: Vectors) -> Vectors:
+    """Of `raw_vectors`: those of extreme length divided by a power of two, which keeps their direction's bits.
+
+    A zero, NaN or infinite vector is an `InputError`.
+    """
+    scaled = []
+    for name, v in (("wi", vectors.wi), ("wo", vectors.wo)):
+        largest = _largest(name, v, vectors.shape)
+        _, exponent = np.frexp(largest)
+        extreme = np.abs(exponent) > _EXTREME
+        scaled.append(np.where(extreme[:, None], np.ldexp(v, -exponent[:, None]), v))
+    return Vectors(scaled[0], scaled[1], vectors.shape, vectors.dtype)
+
+
+def _vector_arrays(
+    wi: npt.ArrayLike, wo: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray, tuple[int, ...], np.dtype[Any]]:
     a, b = as_float("wi", wi), as_float("wo", wo)
     for name, v in (("wi", a), ("wo", b)):
         if v.ndim == 0 or v.shape[-1] != 3:
@@ -232,15 +271,12 @@ def flatten_vectors(wi: npt.ArrayLike, wo: npt.ArrayLike) -> Vectors:
                 expected="(..., 3)",
             )
     dtype = a.dtype if a.dtype == b.dtype else np.dtype(np.float64)
-    shape = broadcast_shape(("wi", "wo"), (a.shape[:-1], b.shape[:-1]))
-    flat = [
-        _normalised(name, np.broadcast_to(v, (*shape, 3)).reshape(-1, 3), shape) for name, v in (("wi", a), ("wo", b))
-    ]
-    return Vectors(flat[0], flat[1], shape, dtype)
+    return a, b, broadcast_shape(("wi", "wo"), (a.shape[:-1], b.shape[:-1])), dtype
 
 
-def _normalised(name: str, v: FloatArray, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
-    largest = np.abs(v).max(axis=1, initial=0)
+def _largest(name: str, v: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Largest component of each vector (n, 3) in magnitude; an `InputError` where it gives no direction."""
+    largest: FloatArray = np.abs(v).max(axis=1, initial=0)
     bad = ~(np.isfinite(largest) & (largest > 0))  # np.max propagates NaN
     if bad.any():
         flat = int(np.flatnonzero(bad)[0])
@@ -254,6 +290,11 @@ def _normalised(name: str, v: FloatArray, shape: tuple[int, ...]) -> npt.NDArray
             got=got,
             expected="a finite vector that is not zero",
         )
+    return largest
+
+
+def _normalised(name: str, v: FloatArray, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    largest = _largest(name, v, shape)
     # scaled by the largest component first: squares of 1e-200 or 1e200 would under- or overflow
     exact = v.astype(np.float64)
     w = exact / largest.astype(np.float64)[:, None]

@@ -1,7 +1,7 @@
 """What a compiled loop needs to become vector instructions: inlined helpers, reads and stores that say they don't
 overlap, and elementary functions without calls.
 
-`load`, `load_pair` and `store` carry the statement (LLVM alias scopes) that what is stored is never what is read.
+The `load` functions and `store` carry the statement (LLVM alias scopes) that what is stored is never what is read.
 Without it the compiler must assume that a store to `out` changes a table and keeps the loop scalar: 11 instead of
 52 million look-ups a second and thread in `kernels.warp`. Indices are not checked and not wrapped: >= 0.
 
@@ -92,6 +92,34 @@ def load_halves(typing_context, array, index, like):
 
 
 @intrinsic
+def load_words(typing_context, array, index, like):
+    """(array[index], array[index + 1]) of a uint16 array, in the type of `like`, by one 32-bit load."""
+
+    def generate(context, builder, signature, args):
+        word = ir.IntType(32)
+        pointer = _element(context, builder, signature.args[0], args[0], args[1])
+        pair = builder.load(builder.bitcast(pointer, word.as_pointer()), align=2, typ=word)
+        pair.set_metadata("alias.scope", _tables_scope(builder))
+        low = builder.and_(pair, ir.Constant(word, 0xFFFF))
+        high = builder.lshr(pair, ir.Constant(word, 16))
+        parts = [low, high] if sys.byteorder == "little" else [high, low]
+        real = ir.DoubleType() if signature.args[2] == types.float64 else ir.FloatType()
+        return context.make_tuple(builder, signature.return_type, [builder.sitofp(part, real) for part in parts])
+
+    return types.UniTuple(like, 2)(array, index, like), generate
+
+
+@intrinsic
+def fma(typing_context, a, b, c):
+    """a b + c, rounded once: one instruction, and the same bits in every version of a loop."""
+
+    def generate(context, builder, signature, args):
+        return builder.fma(*args)
+
+    return a(a, a, a), generate
+
+
+@intrinsic
 def count_unless(typing_context, count, condition):
     """count + 1 if not `condition`, as int32: a 64-bit sum would halve the width of the whole loop's vectors."""
 
@@ -114,6 +142,29 @@ def float_bits(typing_context, x):
 
 
 @intrinsic
+def stepped(typing_context, index, step):
+    """index + step of two int32 as an int32, which must hold it: numba's own sum is 64-bit, and takes twice the
+    instructions to gather by."""
+
+    def generate(context, builder, signature, args):
+        return builder.add(*args, flags=("nsw",))
+
+    return types.int32(types.int32, types.int32), generate
+
+
+@intrinsic
+def power_of_two(typing_context, n):
+    """2^n as float32 for an int32 n in [-126, 127]."""
+
+    def generate(context, builder, signature, args):
+        word = ir.IntType(32)
+        biased = builder.shl(builder.add(args[0], ir.Constant(word, 127)), ir.Constant(word, 23))
+        return builder.bitcast(biased, ir.FloatType())
+
+    return types.float32(types.int32), generate
+
+
+@intrinsic
 def store(typing_context, array, index, value):
     """array[index] = value, index >= 0; `array` overlaps no array that `load` or `load_pair` reads."""
 
@@ -127,6 +178,11 @@ def store(typing_context, array, index, value):
 
 def sin(x):
     """sin, |x| <= pi/2; compiled code only."""
+    raise NotImplementedError
+
+
+def fused_sin(x):
+    """sin, |x| <= pi/2, by fused multiply-adds: half the instructions; compiled code only."""
     raise NotImplementedError
 
 
@@ -153,6 +209,26 @@ def _sin_double(x):
     p = p * z + 0.008333333333333186
     p = p * z - 0.16666666666666666
     return x * (p * z + 1.0)
+
+
+def _fused_single(x):
+    z = x * x
+    p = fma(np.float32(2.6051075e-06), z, np.float32(-1.9809017e-04))
+    p = fma(p, z, np.float32(0.00833305))
+    p = fma(p, z, np.float32(-0.16666658))
+    return fma(x * z, p, x)
+
+
+def _fused_double(x):
+    z = x * x
+    p = fma(2.7215749245979445e-15, z, -7.643026556333697e-13)
+    p = fma(p, z, 1.6058940878425258e-10)
+    p = fma(p, z, -2.5052106890568332e-08)
+    p = fma(p, z, 2.7557319211229593e-06)
+    p = fma(p, z, -0.00019841269841208676)
+    p = fma(p, z, 0.008333333333333186)
+    p = fma(p, z, -0.16666666666666666)
+    return fma(x * z, p, x)
 
 
 def _atan_single(x):
@@ -195,6 +271,11 @@ def _atan_double(x):
 @overload(sin, inline="always")
 def _choose_sin(x):
     return _sin_single if x == types.float32 else _sin_double
+
+
+@overload(fused_sin, inline="always")
+def _choose_fused_sin(x):
+    return _fused_single if x == types.float32 else _fused_double
 
 
 @overload(atan, inline="always")

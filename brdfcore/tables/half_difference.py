@@ -1,8 +1,8 @@
-"""The representation for lobes: half/difference coordinates, a guide along theta_h, fitted half-precision nodes.
+"""The representation for lobes: half/difference coordinates, guides along two of them, fitted half-precision nodes.
 
 In these coordinates the mirror direction is one face of the lattice, theta_h = 0, so a lobe of any width lies along
 an axis (S. Rusinkiewicz, "A new change of variables for efficient BRDF representation", EGWR 1998,
-DOI 10.1007/978-3-7091-6453-2_2). The guide takes the lobe's shape out; what is left varies slowly.
+DOI 10.1007/978-3-7091-6453-2_2). The guides take the lobe's shape out; what is left varies slowly.
 """
 
 from __future__ import annotations
@@ -36,82 +36,101 @@ from brdfcore.tables.half_fit import FACTORS, Fitter, Layout, shape_for
 _LARGEST = 60_000.0
 #: Nodes a channel that `candidates` tries for a tolerance.
 LADDER = (8_000, 24_000, 64_000, 128_000, 256_000, 512_000)
+_ARRAYS: dict[str, npt.DTypeLike] = {
+    "values": np.float16,
+    "guide_h": np.uint16,
+    "guide_d": np.uint16,
+    "map_h": np.uint16,
+    "map_d": np.uint16,
+    "map_p": np.uint16,
+}
+#: Bounds of the attributes that are numbers; the guide's exponents stay within float32's.
+_NUMBERS = {"scale": (1e-30, 1e30), "guide_low": (-75.0, 75.0), "guide_step": (0.0, 61.0 / 65_535)}
 _ENERGY_ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 85.0, 89.0)
 
 
 class HalfDifference(Table):
-    """f_r = guide(theta_h) K(theta_i, theta_o) values(theta_h, theta_d, phi_d), trilinear in warped coordinates.
+    """f_r = 2^(guide_h(theta_h) + guide_d(theta_d)) K(theta_i, theta_o) values(theta_h, theta_d, phi_d).
 
+    Trilinear in warped coordinates.
     Coordinates, maps and K: `kernels.half_difference`. Folded by the source's flags: phi_d over a quarter turn if
     bilateral and reciprocal, half a turn if bilateral, else a whole one.
 
     Arrays:
 
         values  float16 (n_h, n_d, n_p, C)  nodes, times `scale`: relative precision 2^-11, and half the bytes
-        guide   float32 (897, 2)            guide and node position over theta_h, 64 steps an octave of x
-        map_y   float32 (129,)              node position over tan(theta_d/2)
-        map_z   float32 (n,)                node position over phi_d's diamond angle, 64 steps a quarter turn
+        guide_h uint16 (1281,)  exponent of 2 over u = tan^2 theta_h, 32 steps an octave: guide_low + guide_step word
+        guide_d uint16 (321,)   exponent of 2 over w = cos^2 theta_d, 16 steps an octave: guide_step word
+        map_h   uint16 (1281,)  node position over u, in 1/65536 of the way to the last node
+        map_d   uint16 (321,)   node position over w
+        map_p   uint16 (n,)     node position over phi_d's diamond angle, 64 steps a quarter turn
 
     Interpolated values never exceed the largest node of the cell, times guide and K there. Look-ups run in the type
     of the angles.
     """
 
     name = "half_difference"
-    SUMMARY = "half/difference coordinates with a guide along theta_h, float16 nodes, trilinear"
+    SUMMARY = "half/difference coordinates, guides along theta_h and theta_d, float16 nodes, trilinear"
     PARAMETERS = (
         Parameter("shape", "", "nodes along theta_h, theta_d, phi_d", "80,40,40", kind="text"),
         Parameter("interpolation", "", "between the nodes", "linear", kind="choice", choices=("linear",)),
     )
+    EVALUATION_VERSION = 2
     _checks_domain = True
+    _takes_vectors = True
 
     def __init__(
         self,
         arrays: Mapping[str, npt.NDArray[Any]],
         scale: float,
+        guide: tuple[float, float],
         factor: str,
         channels: Channels,
         flags: Mapping[str, bool],
         delta: npt.NDArray[np.float64] | None = None,
     ) -> None:
         super().__init__(channels, flags)
-        self.values, self.guide, self.map_y, self.map_z = (
-            np.require(arrays[name], requirements=("C", "A", "W")) for name in ("values", "guide", "map_y", "map_z")
-        )
-        self.scale, self.factor, self.delta = scale, factor, delta
+        self.arrays = {name: np.require(arrays[name], requirements=("C", "A", "W")) for name in _ARRAYS}
+        self.scale, self.guide, self.factor, self.delta = scale, guide, factor, delta
         self.has_delta = delta is not None
         #: phi_d is folded by these; the flags say what holds, the fold what is stored.
-        n_z = self.map_z.size - 1
-        self._reciprocal_fold = n_z == _steps_z(self.bilateral, True)
+        self._reciprocal_fold = self.arrays["map_p"].size - 1 == _steps_z(self.bilateral, True)
+        self._n_d, self._n_p = (np.int32(n) for n in self.arrays["values"].shape[1:3])
         self._flat = (
-            self.values.reshape(-1).view(np.int16),
-            self.guide.reshape(-1),
-            self.map_y,
-            self.map_z,
+            self.arrays["values"].reshape(-1).view(np.int16),
+            *(self.arrays[name] for name in ("guide_h", "guide_d", "map_h", "map_d", "map_p")),
         )
 
     @cached_property
     def _scales(self) -> dict[np.dtype[Any], Any]:
-        from brdfcore.kernels.half_difference import half_scale
+        from brdfcore.kernels.half_difference import table_scale
         from brdfcore.tables.half_fit import STEPS_Z
 
-        shape = self.values.shape[:3]
-        steps = (self.map_y.size - 1, STEPS_Z, self.map_z.size - 1)
+        shape, factor = self.arrays["values"].shape[:3], FACTORS[self.factor]
         return {
-            np.dtype(t): half_scale(shape, steps, FACTORS[self.factor], 1 / self.scale, self.bilateral, t)
+            np.dtype(t): table_scale(shape, STEPS_Z, self.guide, factor, 1 / self.scale, self.bilateral, t)
             for t in (np.float32, np.float64)
         }
 
     @cached_property
-    def _kernel(self) -> Any:
+    def _kernels(self) -> tuple[Any, Any]:
+        """From angles, from vectors."""
         from brdfcore.kernels import half_difference as kernels
 
-        return {1: kernels.half_one, 3: kernels.half_three}.get(len(self.channels), kernels.half_many)
+        one, three = (kernels.angles_one, kernels.vectors_one), (kernels.angles_three, kernels.vectors_three)
+        return {1: one, 3: three}.get(len(self.channels), (kernels.angles_many, kernels.vectors_many))
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
-        n_d, n_p = (np.int32(n) for n in self.values.shape[1:3])
-        outside = self._kernel(
+        outside = self._kernels[0](
             theta_i.size, theta_i, theta_o, delta_phi, *self._flat, out.reshape(-1), self._scales[theta_i.dtype],
-            self.bilateral, self._reciprocal_fold, n_d, n_p,
+            self.bilateral, self._reciprocal_fold, self._n_d, self._n_p,
+        )  # fmt: skip
+        return bool(outside == 0)
+
+    def _evaluate_raw_vectors(self, wi: FloatArray, wo: FloatArray, out: FloatArray) -> bool:
+        outside = self._kernels[1](
+            len(wi), wi.reshape(-1), wo.reshape(-1), *self._flat, out.reshape(-1), self._scales[wi.dtype],
+            self.bilateral, self._reciprocal_fold, self._n_d, self._n_p,
         )  # fmt: skip
         return bool(outside == 0)
 
@@ -159,21 +178,15 @@ class HalfDifference(Table):
             if not source.non_negative:
                 done.append(f"{negative} negative nodes set to zero, as asked")
         scale = _LARGEST / max(float(np.abs(nodes).max()), 1e-300)
-        maps = (layout.map_x, layout.map_y, layout.map_z)
-        last = [n - 1 for n in shape]
-        arrays = {
-            "values": (nodes * scale).astype(np.float16),
-            "guide": np.stack([layout.guide, maps[0] * last[0]], axis=1).astype(np.float32),
-            "map_y": (maps[1] * last[1]).astype(np.float32),
-            "map_z": (maps[2] * last[2]).astype(np.float32),
-        }
+        words, *guide = layout.words()
+        arrays = {"values": (nodes * scale).astype(np.float16), **words}
         flags = {
             "bilateral": bilateral,
             "reciprocal": fold_reciprocal and layout.factor in ("sum", "both", "none"),
             "energy_conserving": source.energy_conserving,
             "non_negative": bool((arrays["values"] >= 0).all()),
         }
-        table = cls(arrays, scale, layout.factor, source.channels, flags, sampled_delta(source))
+        table = cls(arrays, scale, (guide[0], guide[1]), layout.factor, source.channels, flags, sampled_delta(source))
         if flags["energy_conserving"]:
             table.energy_conserving = bool((table.albedo(np.radians(_ENERGY_ANGLES)) <= 1 + ALBEDO_SLACK).all())
         table.source = dict(getattr(source, "source", {}) or {"name": "", "format": "", "sha256": ""})
@@ -187,7 +200,7 @@ class HalfDifference(Table):
         options = replace(options, prepared=_prepared(source, options))
         if max_bytes is None:
             return [replace(options, shape=shape_for(n, bilateral, reciprocal)[0]) for n in LADDER]
-        beside = 4 * (2 * 897 + 129 + 1 + _steps_z(bilateral, reciprocal)) + (
+        beside = 2 * (2 * 1281 + 2 * 321 + 1 + _steps_z(bilateral, reciprocal)) + (
             DELTA_NODES * 8 * len(source.channels) if source.has_delta else 0
         )
         nodes = max((max_bytes - beside) // (2 * len(source.channels)), 64)
@@ -196,13 +209,11 @@ class HalfDifference(Table):
     # ---- arrays -------------------------------------------------------------------------------
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
-        arrays = {"values": self.values, "guide": self.guide, "map_y": self.map_y, "map_z": self.map_z}
-        if self.delta is not None:
-            arrays["delta"] = self.delta
-        return arrays
+        return self.arrays if self.delta is None else {**self.arrays, "delta": self.delta}
 
     def attributes(self) -> dict[str, Any]:
-        return {"scale": self.scale, "factor": self.factor}
+        low, step = self.guide
+        return {"scale": self.scale, "factor": self.factor, "guide_low": low, "guide_step": step}
 
     @classmethod
     def from_arrays(
@@ -212,45 +223,39 @@ class HalfDifference(Table):
         channels: Channels,
         flags: Mapping[str, bool],
     ) -> Self:
-        from brdfcore.kernels.half_difference import GUIDE_NODES
-        from brdfcore.tables.half_fit import STEPS_Y
+        from brdfcore.kernels.half_difference import grid_u, grid_w
 
-        types = {
-            "values": (np.float16, 4),
-            "guide": (np.float32, 2),
-            "map_y": (np.float32, 1),
-            "map_z": (np.float32, 1),
-        }
-        for name, (dtype, ndim) in types.items():
-            array = arrays.get(name)
-            if array is None or array.dtype != dtype or array.ndim != ndim or not np.isfinite(array).all():
+        bilateral = bool(flags["bilateral"])
+        folds = {_steps_z(bilateral, r) + 1 for r in ((True, False) if bilateral else (False,))}
+        sizes = {"map_h": {grid_u().size}, "map_d": {grid_w().size}, "map_p": folds}
+        sizes |= {"guide_h": sizes["map_h"], "guide_d": sizes["map_d"]}
+        for name, dtype in _ARRAYS.items():
+            array, ndim = arrays.get(name), 4 if name == "values" else 1
+            if array is None or array.dtype != dtype or array.ndim != ndim:
                 got = "nothing" if array is None else f"{array.dtype} {array.shape}"
-                raise _bad(name, got, f"finite {np.dtype(dtype)} with {ndim} dimension(s)")
-        values, bilateral = arrays["values"], bool(flags["bilateral"])
+                raise _bad(name, got, f"{np.dtype(dtype)} with {ndim} dimension(s)")
+            # any word is a node position within the table: no look-up can leave it
+            if name in sizes and array.size not in sizes[name]:
+                raise _bad(name, str(array.shape), f"a length in {sorted(sizes[name])}")
+        values = arrays["values"]
+        if not np.isfinite(values).all():
+            raise _bad("values", "not finite everywhere", "finite numbers")
         if min(values.shape[:3]) < 3 or values.shape[3] != len(channels) or values.size >= 2**31:
             raise _bad("values", str(values.shape), f"at least 3 nodes an axis, {len(channels)} channel(s)")
-        allowed = {_steps_z(bilateral, r) + 1 for r in ((True, False) if bilateral else (False,))}
-        for name, sizes, nodes in (
-            ("guide", {GUIDE_NODES}, values.shape[0]),
-            ("map_y", {STEPS_Y + 1}, values.shape[1]),
-            ("map_z", allowed, values.shape[2]),
-        ):
-            array = arrays[name]
-            positions = array[:, -1] if array.ndim == 2 and array.shape[1] == 2 else array.reshape(-1)
-            if len(array) not in sizes or array.size != len(array) * array.ndim:
-                raise _bad(name, str(array.shape), f"a length in {sorted(sizes)}")
-            # no look-up can leave the table: positions lie between its nodes
-            if positions.min() < 0 or positions.max() > nodes - 1:
-                raise _bad(name, f"node positions {positions.min()} to {positions.max()}", f"0 to {nodes - 1}")
         if flags["non_negative"] and values.min() < 0:
             raise _bad("values", f"as low as {values.min()}", "no value below 0, as the flag non_negative says")
         delta = checked_delta(cls.name, arrays, len(channels))
-        scale, factor = attributes.get("scale"), attributes.get("factor")
-        if not isinstance(scale, (int, float)) or not 1e-30 < scale < 1e30:
-            raise _bad("scale", repr(scale)[:40], "a number between 1e-30 and 1e30")
+        numbers = {}
+        for name, (least, most) in _NUMBERS.items():
+            number = attributes.get(name)
+            if not isinstance(number, (int, float)) or not least < number < most:
+                raise _bad(name, repr(number)[:40], f"a number between {least:g} and {most:g}")
+            numbers[name] = float(number)
+        factor = attributes.get("factor")
         if factor not in FACTORS:
             raise _bad("factor", repr(factor)[:40], ", ".join(FACTORS))
-        return cls(arrays, float(scale), str(factor), channels, flags, delta)
+        guide = (numbers["guide_low"], numbers["guide_step"])
+        return cls(arrays, numbers["scale"], guide, str(factor), channels, flags, delta)
 
 
 def _folds(source: Brdf, options: BuildOptions) -> tuple[bool, bool]:

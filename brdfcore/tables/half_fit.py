@@ -1,17 +1,19 @@
-"""Build a half/difference table: a guide along theta_h, node spacings that follow the error, fitted nodes.
+"""Build a half/difference table: guides along theta_h and theta_d, node spacings that follow the error, fitted nodes.
 
-1. Guide. log f/K is split into a function of theta_h and one of (theta_d, phi_d) by alternating means over a fixed set
-   of (theta_d, phi_d): no sampling noise, so what the guide leaves is as smooth as the material. It holds the shape
-   of the lobe, whatever its width; the table holds what differs from it, which is of order 1.
+1. Guides. log2 f/K is split into a function of theta_h and one of (theta_d, phi_d) by alternating means over a fixed
+   set of (theta_d, phi_d): no sampling noise, so what the guide leaves is as smooth as the material. It holds the
+   shape of the lobe, whatever its width. The second guide is the mean of what is left over theta_d: Fresnel's rise,
+   and the growth with which microfacet models and measurements approach the horizon near the mirror direction
+   (without it the albedo of gold at 89.9 degrees is off by 14 %). The table holds the rest, which is of order 1.
 2. Spacing. On a small lattice, fitted as in 3, the error of seeded directions is binned along each axis and the nodes
-   are moved to where it is; the best of a few rounds is kept.
+   are moved to where it is; the best of a few rounds is kept. A dark direction also counts by its relative error.
 3. Nodes. Least squares on 2 x 2 x 2 Gauss points a cell (`kernels.lattice_fit`), relative to the size of the value.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -32,8 +34,18 @@ FACTORS: dict[str, tuple[float, ...]] = {
     "both": (1, 1, 0, 1, 0, 0),  # 1/c_i + 1/c_o
     "none": (0, 0, 1, 0, 0, 1),
 }
-#: Steps of the maps of y and of z (a unit of z).
-STEPS_Y, STEPS_Z = 128, 64
+#: Steps of the map of z, a unit.
+STEPS_Z = 64
+#: Largest 16-bit number.
+_MOST_WORD = 65_535
+#: Octaves that the guide may span: with K and the nodes the value stays within float32.
+_OCTAVES = 60
+#: Octaves to either side that the guide along theta_d may take.
+_DEPTH = 12
+#: theta_h, degrees, over which the guide along theta_d is a mean.
+_FEW = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 7.0, 11.0, 16.0, 22.0, 29.0, 37.0)
+#: Least range of the guides' exponents, so that a constant guide has a step.
+_LEAST_RANGE = 1.0
 #: Nodes of the lattice on which factor and spacing are chosen, and rounds of moving them.
 _COARSE, _ROUNDS = 9_000, 3
 _DRAWS, _DRAW_SEED = 60_000, 7_919
@@ -45,36 +57,70 @@ _CHUNK = 262_144
 _SMOOTHNESS = 1e-4
 #: Below this share of its median magnitude a value counts as that large when errors are made relative.
 _FLOOR = 0.1
+#: What the mean relative error counts beside L1 when nodes are placed: at 0.3 dark directions halve their error and L1
+#: stays as it is. Below _DARKEST of the mean value a direction counts as that bright.
+_RELATIVE, _DARKEST = 0.3, 0.001
 
 
 @dataclass
 class Layout:
     """Where nodes lie: each map gives node position / last node, rising from 0 to 1."""
 
-    guide: Float64Array  # on guide_grid()
-    map_x: Float64Array  # on guide_grid()
-    map_y: Float64Array  # on STEPS_Y uniform steps of y
-    map_z: Float64Array  # on STEPS_Z uniform steps a unit of z
+    guide_h: Float64Array  # exponents of 2, on grid_u()
+    guide_d: Float64Array  # exponents of 2, on grid_w()
+    map_h: Float64Array  # on grid_u()
+    map_d: Float64Array  # on grid_w(); falls from 1 to 0, as theta_d does
+    map_p: Float64Array  # on STEPS_Z uniform steps a unit of z
     factor: str
     bilateral: bool
     reciprocal: bool
 
     def grids(self) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Coordinates at which the maps are tabulated."""
-        from brdfcore.kernels.half_difference import guide_grid
+        from brdfcore.kernels.half_difference import grid_u, grid_w
 
         low, high = (0.0 if self.bilateral else -2.0), (1.0 if self.reciprocal else 2.0)
-        return guide_grid(), np.linspace(0, 1, self.map_y.size), np.linspace(low, high, self.map_z.size)
+        return grid_u(), grid_w(), np.linspace(low, high, self.map_p.size)
 
     def positions(self, coordinates: tuple[Float64Array, ...], shape: tuple[int, int, int]) -> list[Float64Array]:
-        """Node positions of coordinates (x, y, z)."""
-        maps = (self.map_x, self.map_y, self.map_z)
+        """Node positions of coordinates (u, w, z)."""
+        maps = (self.map_h, self.map_d, self.map_p)
         return [np.interp(c, g, m) * (n - 1) for c, g, m, n in zip(coordinates, self.grids(), maps, shape)]
 
-    def growth(self, theta_i: Float64Array, theta_o: Float64Array, x: Float64Array) -> Float64Array:
-        """guide(x) K(theta_i, theta_o): what the nodes are multiplied with."""
-        strength = np.interp(x, self.grids()[0], self.guide)
-        return np.asarray(strength * grazing(self.factor, theta_i, theta_o))
+    def coordinates(self, places: list[Float64Array], shape: tuple[int, int, int]) -> list[Float64Array]:
+        """(u, w, z) of node positions, each axis apart: the inverse of `positions`."""
+        found = []
+        for place, grid, along, n in zip(places, self.grids(), (self.map_h, self.map_d, self.map_p), shape):
+            order = slice(None, None, 1 if along[-1] >= along[0] else -1)
+            found.append(np.interp(place / (n - 1), along[order], grid[order]))
+        return found
+
+    def growth(self, theta_i: Float64Array, theta_o: Float64Array, u: Float64Array, w: Float64Array) -> Float64Array:
+        """2^(guide_h(u) + guide_d(w)) K(theta_i, theta_o): what the nodes are multiplied with."""
+        grid_u, grid_w, _ = self.grids()
+        exponent = np.interp(u, grid_u, self.guide_h) + np.interp(w, grid_w, self.guide_d)
+        return np.asarray(np.exp2(exponent) * grazing(self.factor, theta_i, theta_o))
+
+    def words(self) -> tuple[dict[str, npt.NDArray[np.uint16]], float, float]:
+        """The maps and guides as 16-bit numbers, and the guides' lowest sum of exponents and their step."""
+        low_h, low_d = float(self.guide_h.min()), float(self.guide_d.min())
+        step = max(float(np.ptp(self.guide_h)), float(np.ptp(self.guide_d)), _LEAST_RANGE) / _MOST_WORD
+        scaled = {
+            "guide_h": (self.guide_h - low_h) / step,
+            "guide_d": (self.guide_d - low_d) / step,
+            "map_h": self.map_h * (_MOST_WORD + 1),
+            "map_d": self.map_d * (_MOST_WORD + 1),
+            "map_p": self.map_p * (_MOST_WORD + 1),
+        }
+        rounded = {name: np.minimum(np.rint(x), _MOST_WORD).astype(np.uint16) for name, x in scaled.items()}
+        return rounded, low_h + low_d, step
+
+    def rounded(self) -> Layout:
+        """What `words` leaves of this layout: nodes are fitted to what a look-up will see."""
+        words, low, step = self.words()
+        map_h, map_d, map_p = (words[name] / (_MOST_WORD + 1) for name in ("map_h", "map_d", "map_p"))
+        guide_h, guide_d = (words[name].astype(np.float64) * step for name in ("guide_h", "guide_d"))
+        return replace(self, guide_h=guide_h + low, guide_d=guide_d, map_h=map_h, map_d=map_d, map_p=map_p)
 
 
 def grazing(factor: str, theta_i: Float64Array, theta_o: Float64Array) -> Float64Array:
@@ -84,31 +130,30 @@ def grazing(factor: str, theta_i: Float64Array, theta_o: Float64Array) -> Float6
     return np.asarray((k0 * c_i + k1 * c_o + k2) / (k3 * c_i * c_o + k4 * (c_i + c_o) + k5))
 
 
-def angles_of(x: Float64Array, y: Float64Array, z: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """(theta_i, theta_o, delta_phi) of coordinates (x, y, z); thetas beyond pi/2 are below the horizon.
+def angles_of(u: Float64Array, w: Float64Array, z: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """(theta_i, theta_o, delta_phi) of coordinates (u, w, z); thetas beyond pi/2 are below the horizon.
 
     wi = Ry(theta_h) d, wo = Ry(theta_h) (-d_x, -d_y, d_z) with d at (theta_d, phi_d).
     """
-    theta_h = np.arctan2(x, 1 - x)
-    theta_d = 2 * np.arctan(y)
+    theta_h = np.arctan(np.sqrt(u))
     folded = np.where(np.abs(z) <= 1, np.abs(z), 2 - np.abs(z))
     phi_d = np.arctan2(folded, 1 - folded)
     phi_d = np.where(np.abs(z) <= 1, phi_d, np.pi - phi_d)
-    sin_d, cos_d = np.sin(theta_d), np.cos(theta_d)
+    sin_d, cos_d = np.sqrt(1 - w), np.sqrt(w)
     d_x, d_y = sin_d * np.cos(phi_d), sin_d * np.sin(phi_d)
     sin_h, cos_h = np.sin(theta_h), np.cos(theta_h)
     wi = np.stack([cos_h * d_x + sin_h * cos_d, d_y, cos_h * cos_d - sin_h * d_x], axis=-1).reshape(-1, 3)
     wo = np.stack([sin_h * cos_d - cos_h * d_x, -d_y, cos_h * cos_d + sin_h * d_x], axis=-1).reshape(-1, 3)
     theta_i, theta_o, delta_phi = angles_from_vectors(wi, wo)
     delta_phi = np.where(z.reshape(-1) < 0, -np.abs(delta_phi), np.abs(delta_phi))
-    return theta_i.reshape(x.shape), theta_o.reshape(x.shape), delta_phi.reshape(x.shape)
+    return theta_i.reshape(u.shape), theta_o.reshape(u.shape), delta_phi.reshape(u.shape)
 
 
 class Fitter:
     """One source on its way to a table."""
 
     def __init__(self, source: Brdf, sample: Sample, bilateral: bool, reciprocal: bool) -> None:
-        from brdfcore.kernels.half_difference import coordinates_numpy
+        from brdfcore.kernels.half_coordinates import coordinates_numpy
 
         self.sample, self.bilateral, self.reciprocal = sample, bilateral, reciprocal
         self.channels = len(source.channels)
@@ -123,6 +168,11 @@ class Fitter:
         # each half of the draws counts for itself: an error far from the lobe is not excused by the lobe's energy
         self.share = cosines / np.where(lobe, max(energy[lobe].sum(), 1e-300), max(energy[~lobe].sum(), 1e-300))
         self.lobe = lobe
+        # and a dark direction counts by its relative error
+        size = np.abs(self.values).sum(axis=1)
+        dark = np.where(lobe, 0, cosines)
+        dark /= max(float(dark.sum()), 1e-300)
+        self.relative = dark / np.maximum(size + _DARKEST * float((dark * size).sum()), 1e-300)
 
     # ---- guide and spacing --------------------------------------------------------------------
 
@@ -145,73 +195,94 @@ class Fitter:
         return best[1]
 
     def _start(self, factor: str) -> Layout:
-        from brdfcore.kernels.half_difference import OCTAVES, guide_grid
+        from brdfcore.kernels.half_difference import grid_u, grid_w
 
-        x = guide_grid()
-        octaves = np.maximum(np.log2(np.maximum(x, 2.0**-OCTAVES)) + 10, 0) / 10
+        t = np.sqrt(grid_u())
+        x = t / (1 + t)
+        octaves = np.maximum(np.log2(x) + 10, 0) / 10
+        even = 0.6 * octaves + 0.4 * x
         z_low, z_high = (0.0 if self.bilateral else -2.0), (1.0 if self.reciprocal else 2.0)
         z = np.linspace(z_low, z_high, round((z_high - z_low) * STEPS_Z) + 1)
         quarter = np.floor(np.abs(z))
         part = np.abs(z) - quarter
         phi = np.sign(z) * (quarter * HALF_PI + np.arctan2(part, 1 - part))
-        y = np.linspace(0, 1, STEPS_Y + 1)
+        theta_d = np.arccos(np.sqrt(grid_w()))
+        guide_h, guide_d = self._guides(t, grid_w(), factor)
         return Layout(
-            guide=self._guide(x, factor),
-            map_x=0.6 * octaves + 0.4 * (x - x[0]) / (1 - x[0]),
-            map_y=np.arctan(y) * 4 / np.pi,
-            map_z=(phi - phi[0]) / (phi[-1] - phi[0]),
+            guide_h=guide_h,
+            guide_d=guide_d,
+            map_h=(even - even[0]) / (even[-1] - even[0]),
+            map_d=theta_d / theta_d[0],
+            map_p=(phi - phi[0]) / (phi[-1] - phi[0]),
             factor=factor,
             bilateral=self.bilateral,
             reciprocal=self.reciprocal,
         )
 
-    def _guide(self, x: Float64Array, factor: str) -> Float64Array:
-        """exp of the theta_h part of log f/K, over a fixed set of theta_d and phi_d above the horizon."""
-        y = np.tan(0.5 * np.radians([1.0, 5.0, 12.0, 20.0, 30.0, 40.0, 50.0, 60.0, 68.0, 74.0, 79.0]))
-        phi = (np.arange(12) + 0.5) / 12 * np.pi
-        z = np.where(phi <= HALF_PI, 1.0, -1.0) * (np.sin(phi) / (np.sin(phi) + np.abs(np.cos(phi))) - 1) + 1
-        if not self.bilateral:
-            z = np.concatenate([z, -z])
-        inner = np.minimum(x, 1 - 1e-9)
-        grid = np.meshgrid(inner, y, z, indexing="ij")
-        theta_i, theta_o, delta_phi = angles_of(*grid)
-        above = (theta_i < HALF_PI - 1e-3) & (theta_o < HALF_PI - 1e-3)
-        weight = np.where(above, np.cos(np.where(above, theta_i, 0)) * np.cos(np.where(above, theta_o, 0)), 0)
-        f = np.zeros(theta_i.shape)
-        i, o, d = theta_i[above], theta_o[above], delta_phi[above]
-        f[above] = self.sample(i, o, d).mean(axis=1) / grazing(factor, i, o)
-        floor = 1e-6 * float(np.mean(np.abs(f[above]))) or 1.0
-        log = np.log(np.maximum(f, floor))
-        rest = np.zeros(theta_i.shape[1:])
-        along = np.zeros(x.size)
+    def _guides(self, t: Float64Array, w: Float64Array, factor: str) -> tuple[Float64Array, Float64Array]:
+        """The parts of log2 f/K in theta_h and in theta_d, each over a fixed set of the other two coordinates."""
+        some = np.cos(np.radians([1.0, 5.0, 12.0, 20.0, 30.0, 40.0, 50.0, 60.0, 68.0, 74.0, 79.0])) ** 2
+        f, weight = self._over(t * t, some, factor)
+        floor = 1e-6 * float(np.mean(np.abs(f[weight > 0]))) or 1.0
+        log = np.log2(np.maximum(f, floor))
+        rest = np.zeros(f.shape[1:])
+        along = np.zeros(t.size)
         for _ in range(4):
             along = (weight * (log - rest)).sum(axis=(1, 2)) / np.maximum(weight.sum(axis=(1, 2)), 1e-300)
             rest = (weight * (log - along[:, None, None])).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
         reached = weight.sum(axis=(1, 2)) > 1e-6
-        along = np.interp(x, x[reached], along[reached])
-        return np.asarray(np.exp(along))
+        along = np.interp(t, t[reached], along[reached])
+        lit = t[along > np.log2(floor) + 3]  # elsewhere the lobe has underflown
+        along = np.maximum(along - along.max(), -_OCTAVES)  # the nodes hold the magnitude
+        # along theta_d the mean of the ratio, which noise about 0 leaves alone, not that of its logarithm
+        few = np.tan(np.radians(_FEW))
+        few = few[few <= max(lit.max(initial=0.0), few[0])]
+        f, weight = self._over(few * few, w, factor)
+        ratio = f * np.exp2(-np.interp(few, t, along))[:, None, None]
+        total = weight.sum(axis=(0, 2))
+        mean = (weight * ratio).sum(axis=(0, 2)) / np.maximum(total, 1e-300)
+        typical = float(np.median(mean[mean > 0])) if (mean > 0).any() else 1.0
+        deep = np.log2(np.clip(mean / typical, 2.0**-_DEPTH, 2.0**_DEPTH))
+        return along, deep
+
+    def _over(self, u: Float64Array, w: Float64Array, factor: str) -> tuple[Float64Array, Float64Array]:
+        """Mean of the channels of f/K on a lattice of u, w and some phi_d, and cosine weights; 0 below the horizon."""
+        phi = (np.arange(12) + 0.5) / 12 * np.pi
+        z = np.where(phi <= HALF_PI, 1.0, -1.0) * (np.sin(phi) / (np.sin(phi) + np.abs(np.cos(phi))) - 1) + 1
+        if not self.bilateral:
+            z = np.concatenate([z, -z])
+        theta_i, theta_o, delta_phi = angles_of(*np.meshgrid(u, w, z, indexing="ij"))
+        above = (theta_i < HALF_PI - 1e-5) & (theta_o < HALF_PI - 1e-5)
+        weight, f = np.zeros(theta_i.shape), np.zeros(theta_i.shape)
+        i, o, d = theta_i[above], theta_o[above], delta_phi[above]
+        weight[above] = np.cos(i) * np.cos(o)
+        f[above] = self.sample(i, o, d).mean(axis=1) / grazing(factor, i, o)
+        return f, weight
 
     def _moved(self, layout: Layout, shape: tuple[int, int, int]) -> Layout:
         """Nodes moved towards the error: density multiplied by the square root of the error between two nodes."""
         _, errors = self._error(layout, shape)
         maps = []
         places = layout.positions(self.at, shape)
-        for place, old, n in zip(places, (layout.map_x, layout.map_y, layout.map_z), shape):
+        for place, old, n in zip(places, (layout.map_h, layout.map_d, layout.map_p), shape):
             cell = np.minimum(place.astype(np.int64), n - 2)
             binned = np.bincount(cell, errors, n - 1)
             found = np.convolve(np.pad(binned, 1, mode="edge"), [0.25, 0.5, 0.25], "valid")
             share = np.sqrt(found + 0.03 * found.mean())
             new = np.concatenate([[0.0], np.cumsum(share)]) / share.sum()
             maps.append(np.interp(old * (n - 1), np.arange(n), new))
-        return Layout(layout.guide, maps[0], maps[1], maps[2], layout.factor, self.bilateral, self.reciprocal)
+        return replace(layout, map_h=maps[0], map_d=maps[1], map_p=maps[2])
 
     def _error(self, layout: Layout, shape: tuple[int, int, int]) -> tuple[float, Float64Array]:
         """The worse half's L1 of a lattice of this shape, and each draw's part in it."""
         nodes = self.nodes(layout, shape, steps=_COARSE_STEPS)
         found = interpolate(nodes, layout.positions(self.at, shape))
-        found *= layout.growth(self.theta_i, self.theta_o, self.at[0])[:, None]
-        errors = np.abs(found - self.values).sum(axis=1) * self.share
-        return max(float(errors[self.lobe].sum()), float(errors[~self.lobe].sum())), errors
+        found *= layout.growth(self.theta_i, self.theta_o, *self.at[:2])[:, None]
+        apart = np.abs(found - self.values).sum(axis=1)
+        errors = apart * self.share
+        relative = _RELATIVE * apart * self.relative
+        worst = max(float(errors[self.lobe].sum()), float(errors[~self.lobe].sum()))
+        return worst + float(relative.sum()), errors + relative
 
     # ---- nodes --------------------------------------------------------------------------------
 
@@ -225,25 +296,25 @@ class Fitter:
         """Fitted nodes, (n_h, n_d, n_p, channels); `steps` of the solver at most."""
         from brdfcore.kernels.lattice_fit import add_smoothness, assemble, solve
 
+        layout = layout.rounded()
         n = int(np.prod(shape))
         matrix, right = np.zeros((n, 27)), np.zeros((n, self.channels))
         inside = np.array([0.5 - 0.5 / np.sqrt(3), 0.5 + 0.5 / np.sqrt(3)])
-        maps = (layout.map_x, layout.map_y, layout.map_z)
         along = [(np.arange(m - 1)[:, None] + inside).reshape(-1) for m in shape]
-        points = [np.interp(a / (m - 1), f, g) for a, m, f, g in zip(along, shape, maps, layout.grids())]
+        points = layout.coordinates(along, shape)
         rows = max(1, _CHUNK // (points[1].size * points[2].size))
         typical = None
         for start in range(0, points[0].size, rows):
             part = slice(start, start + rows)
             place = np.stack(np.meshgrid(along[0][part], along[1], along[2], indexing="ij"), axis=-1).reshape(-1, 3)
-            x, y, z = (g.reshape(-1) for g in np.meshgrid(points[0][part], points[1], points[2], indexing="ij"))
-            theta_i, theta_o, delta_phi = angles_of(x, y, z)
+            u, w, z = (g.reshape(-1) for g in np.meshgrid(points[0][part], points[1], points[2], indexing="ij"))
+            theta_i, theta_o, delta_phi = angles_of(u, w, z)
             above = (theta_i < HALF_PI - 1e-5) & (theta_o < HALF_PI - 1e-5)
             if not above.any():
                 continue
             theta_i, theta_o, place = theta_i[above], theta_o[above], place[above]
             values = self.sample(theta_i, theta_o, delta_phi[above])
-            values = values / layout.growth(theta_i, theta_o, x[above])[:, None]
+            values = values / layout.growth(theta_i, theta_o, u[above], w[above])[:, None]
             size = np.abs(values).mean(axis=1)
             if typical is None:  # a lobe may underflow over most of the lattice
                 typical = float(np.median(size[size > 0])) if (size > 0).any() else 1.0

@@ -42,7 +42,7 @@ MAX_HEADER = 16_000_000
 MAX_DEPTH = 16
 #: Values a chunk: small enough that a damaged chunk is found by its own checksum.
 _CHUNK = 65_536
-_DTYPES = frozenset(np.dtype(t) for t in ("<f2", "<f4", "<f8", "<i4", "<i8", "<u4", "|u1"))
+_DTYPES = frozenset(np.dtype(t) for t in ("<f2", "<f4", "<f8", "<i4", "<i8", "<u2", "<u4", "|u1"))
 
 
 def save(table: Table, path: str | PathLike[str]) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import brdfcore as bc
+from brdfcore.geometry import vectors_from_angles
 from brdfcore.kernels import launch
 from tests import shared
 from tests.benchmarks.accuracy import reference_l1
@@ -109,6 +110,8 @@ def speed(n: int, rounds: int) -> None:
         grid = bc.tabulate(source, "angle_grid", max_bytes=768_000)
         out = np.empty((n, 3), np.float32)
         runs["half_difference rgb 768 kB"] = lambda: half.evaluate(*angles, out=out)
+        vectors = [np.ascontiguousarray(v, np.float32) for v in vectors_from_angles(*(a.astype(float) for a in angles))]
+        runs["half_difference rgb 768 kB, vectors"] = lambda: half.evaluate_vectors(*vectors, out=out)
         runs["angle_grid rgb 768 kB"] = lambda: grid.evaluate(*angles, out=out)
         runs["vndf_warp rgb"] = lambda: source.evaluate(*angles, out=out)
         if (peer := mitsuba_measured(shared.rgl_path(name), angles)) is not None:
@@ -128,6 +131,7 @@ def speed(n: int, rounds: int) -> None:
         print(f"{label:34} {rates[0]:7.1f} million/s ({rates[1]:.0f} .. {rates[2]:.0f})")
     pairs = [
         ("half_difference rgb 768 kB", "Mitsuba measured rgb"),
+        ("half_difference rgb 768 kB, vectors", "Mitsuba measured rgb"),
         ("vndf_warp rgb", "Mitsuba measured rgb"),
         ("half_difference rgb 768 kB", "angle_grid rgb 768 kB"),
         ("half_difference 1 channel 256 kB", "angle_grid 1 channel 256 kB"),
