@@ -154,22 +154,26 @@ def _search(
     max_bytes: int | None,
     progress: Progress | None,
 ) -> Table:
-    """Build candidates from the cheapest up; stop at the first that meets the tolerance, else keep the best."""
+    """Build candidates, the fastest first; stop at the first that meets the tolerance, else keep the best."""
     best: Table | None = None
     smallest: int | None = None
-    for cls in classes:
-        for candidate in cls.candidates(b, options, max_bytes):
-            table = cls.build(b, candidate, progress)
-            if max_bytes is not None and table.nbytes > max_bytes:
-                smallest = min(table.nbytes, smallest or table.nbytes)
-                continue
+    ladders = {cls: iter(cls.candidates(b, options, max_bytes)) for cls in classes}
+    waiting = {cls: found for cls, ladder in ladders.items() if (found := next(ladder, None)) is not None}
+    while waiting:
+        cls = min(waiting, key=lambda each: waiting[each].time)  # the first of equals: the registry's order
+        table = cls.build(b, waiting.pop(cls), progress)
+        more = True
+        if max_bytes is not None and table.nbytes > max_bytes:
+            smallest = min(table.nbytes, smallest or table.nbytes)
+        else:
             table = _measured(table, b, tolerance, progress)
             if best is None or _worst(table) < _worst(best):
                 best = table
             if tolerance is not None and _worst(table) <= tolerance:
                 return table
-            if tolerance is not None and not cls.worth_refining(_l1(table), tolerance):
-                break
+            more = tolerance is None or cls.worth_refining(_l1(table), tolerance)
+        if more and (candidate := next(ladders[cls], None)) is not None:
+            waiting[cls] = candidate
     if best is None:
         need = f"; the smallest takes {smallest}" if smallest else ""
         raise InputError(

@@ -11,6 +11,10 @@ The diamond angle |sin|/(|sin| + |cos|), continued by 2 - z past 90 degrees, rep
 z is folded to [0, 1] for a reciprocal table (swapping the directions turns phi_d into pi - phi_d) and carries the
 sign of sin(delta_phi), in [-2, 2], for one that is not bilateral.
 
+For lobes around the mirror direction itself, as Phong's, u = sin^2 B + s_i s_o cos^2(delta_phi/2) = sin^2(angle/2),
+the angle between viewer and mirror direction, takes the place of tan^2 theta_h (`mirror`): such a lobe has one width
+along it and many along theta_h.
+
 Every function comes with the factor K = (k0 c_i + k1 c_o + k2) / (k3 c_i c_o + k4 (c_i + c_o) + k5).
 """
 
@@ -51,6 +55,7 @@ class HalfScale(NamedTuple):
     horizon_cos: Any
     least_norm2: Any
     most_norm2: Any
+    mirror: Any
     k0: Any
     k1: Any
     k2: Any
@@ -69,15 +74,15 @@ class HalfScale(NamedTuple):
     part_w: Any
 
 
-def half_scale(factor: tuple[float, ...], table: tuple[float, ...], dtype: npt.DTypeLike) -> HalfScale:
-    """Constants for the coefficients k0 .. k5 of K and those of the `table`."""
+def half_scale(factor: tuple[float, ...], mirror: bool, table: tuple[float, ...], dtype: npt.DTypeLike) -> HalfScale:
+    """Constants for the coefficients k0 .. k5 of K, the kind of u, and those of the `table`."""
     number: Any = np.dtype(dtype).type
     hi_half, hi = number(HALF_PI), number(np.pi)
     double = number is np.float64
     values = (
         0, 0.25, 0.5, 1, 2, hi_half, HALF_PI - float(hi_half) + (6.123233995736766e-17 if double else 0),
         hi, np.pi - float(hi) + (1.2246467991473532e-16 if double else 0), 2 * np.pi,
-        HALF_PI, DELTA_PHI_DIRECT, HORIZON_COS, LEAST_NORM2, MOST_NORM2, *factor, *table,
+        HALF_PI, DELTA_PHI_DIRECT, HORIZON_COS, LEAST_NORM2, MOST_NORM2, float(mirror), *factor, *table,
     )  # fmt: skip
     return HalfScale(*(number(v) for v in values))
 
@@ -134,6 +139,7 @@ def from_angles(theta_i, theta_o, delta_phi, scale, bilateral, reciprocal):
     u = fma(product * ratio, ratio, tan_b * tan_b)
     w = fma(s * s, u, s * s)
     w = w if w < scale.one else scale.one
+    u = u if scale.mirror == zero else fma(product * cos_half, cos_half, sin_b * sin_b)
     up = scale.two * product * (sin_half * cos_half)
     up = up if up > zero else zero
     along = (sin_i + sin_o) * tan_b * np.sqrt(w)
@@ -172,13 +178,20 @@ def from_vectors(ix, iy, iz, ox, oy, oz, scale, bilateral, reciprocal):
     w = scale.quarter * fma(hz, hz, across)
     w = w if w < scale.one else scale.one
     cross = ix * oy - iy * ox
-    along = (cos_o - cos_i) * np.sqrt(w)
+    apart = cos_o - cos_i
+    u = u if scale.mirror == scale.zero else scale.quarter * fma(apart, apart, across)
+    along = apart * np.sqrt(w)
     z = _diamond(abs(cross), along, cross < scale.zero, scale, bilateral, reciprocal)
     return usable, above, u, w, z, _factor(cos_i, cos_o, scale)
 
 
 def coordinates_numpy(
-    theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, bilateral: bool, reciprocal: bool
+    theta_i: FloatArray,
+    theta_o: FloatArray,
+    delta_phi: FloatArray,
+    bilateral: bool,
+    reciprocal: bool,
+    mirror: bool = False,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """(u, w, z) by library functions in float64: the twin of `from_angles`, and what tables are built with."""
     a, b = (np.minimum(np.asarray(t, np.float64), HALF_PI) for t in (theta_i, theta_o))
@@ -189,6 +202,8 @@ def coordinates_numpy(
     product = np.sin(a) * np.sin(b)
     u = (sin_b / cos_b) ** 2 + product * (cos_half / s) ** 2
     w = np.minimum(s**2 * (1 + u), 1)
+    if mirror:
+        u = sin_b**2 + product * cos_half**2
     up = 2 * product * sin_half * cos_half
     along = 2 * np.sin(0.5 * (a + b)) * sin_b * np.sqrt(w)
     both = np.abs(along) + up

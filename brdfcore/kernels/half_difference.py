@@ -59,17 +59,18 @@ def table_scale(
     steps_z: int,
     guide: tuple[float, float],
     factor: tuple[float, ...],
+    mirror: bool,
     value: float,
     bilateral: bool,
     dtype: npt.DTypeLike,
 ) -> HalfScale:
     """Constants for nodes `shape`; `steps_z` of the map of z a unit; the `guide`'s lowest exponent and step; the
-    coefficients k0 .. k5 of K; `value`, a factor of all nodes."""
+    coefficients k0 .. k5 of K; `mirror`, the kind of u; `value`, a factor of all nodes."""
     table = (
         *guide, *((n - 1) / WORDS for n in shape), steps_z * _SHORT, 0 if bilateral else 2,
         value * _HALF_SCALE, 2.0**-_U_SHIFT, 2.0**-_W_SHIFT,
     )  # fmt: skip
-    return half_scale(factor, table, dtype)
+    return half_scale(factor, mirror, table, dtype)
 
 
 @inline
@@ -335,7 +336,7 @@ def half_numpy(
         inside = (theta_i >= 0) & (theta_i <= scale.theta_max) & (theta_o >= 0) & (theta_o <= scale.theta_max)
         inside &= np.abs(delta_phi) <= DELTA_PHI_DIRECT
     a, b, c = (np.where(inside, angle, 0).astype(np.float64) for angle in (theta_i, theta_o, delta_phi))
-    u, w, z = coordinates_numpy(a, b, c, bilateral, fold)
+    u, w, z = coordinates_numpy(a, b, c, bilateral, fold, bool(scale.mirror))
     n_h = values.size * a.size // (out.size * n_d * n_p)
     words = np.interp(u, grid_u(), guide_h.astype(np.float64)) + np.interp(w, grid_w(), guide_d.astype(np.float64))
     exponent = words * float(scale.guide_step) + float(scale.guide_low)
@@ -349,7 +350,7 @@ def half_numpy(
         )
     ]
     cos_i, cos_o = (np.maximum(np.sin(HALF_PI - np.minimum(t, HALF_PI)), HORIZON_COS) for t in (a, b))
-    k0, k1, k2, k3, k4, k5 = (float(k) for k in scale[15:21])
+    k0, k1, k2, k3, k4, k5 = (float(k) for k in scale[16:22])
     k = (k0 * cos_i + k1 * cos_o + k2) / (k3 * cos_i * cos_o + k4 * (cos_i + cos_o) + k5)
     nodes = values.view(np.float16).astype(np.float64).reshape(n_h, n_d, n_p, -1)
     cells = [np.minimum(np.floor(p), n - 2).astype(np.int64) for p, n in zip(places, (n_h, n_d, n_p))]

@@ -27,6 +27,7 @@ from brdfcore.tables.base import (
     Progress,
     Table,
     checked_delta,
+    expected_time,
     interpolated_delta,
     sampled_delta,
 )
@@ -172,7 +173,9 @@ class AngleGrid(Table):
             while n > 2 and each * n * n * (turns * 2 * (n - 1) + 1) > room:
                 n -= 1
             ladder = (n,)
-        return [replace(options, shape=(n, n, turns * 2 * (n - 1) + 1)) for n in ladder]
+        shapes = [(n, n, turns * 2 * (n - 1) + 1) for n in ladder]
+        each = 4 * len(source.channels)
+        return [replace(options, shape=s, time=expected_time(1.0, each * s[0] * s[1] * s[2])) for s in shapes]
 
     @classmethod
     def worth_refining(cls, l1: float, tolerance: float) -> bool:

@@ -30,6 +30,14 @@ _DELTA_SLACK = 1e-9
 FLAGS = ("bilateral", "reciprocal", "energy_conserving", "non_negative")
 
 
+def expected_time(time: float, nbytes: float) -> float:
+    """Expected time of a look-up of a table of `nbytes`, `time` while it fits into the nearest caches.
+
+    The cube root of the size in MB above 1: measured, 2.3 times at 18 MB, 5 times at 142 MB.
+    """
+    return float(time * max(1.0, nbytes / 1e6) ** (1 / 3))
+
+
 @dataclass(frozen=True, slots=True)
 class BuildOptions:
     """What `tabulate` was asked for; see there. shape None means the representation's default."""
@@ -38,8 +46,10 @@ class BuildOptions:
     interpolation: str = "linear"
     negatives: str = "keep"
     fold: frozenset[str] = frozenset()
-    #: What a representation's `candidates` found out about the source once for all of them; opaque to others.
+    #: What a representation's `candidates` finds out about the source once for all of them; opaque to others.
     prepared: Any = None
+    #: Expected time of a look-up, in those of a table that stays in the nearest caches: what "fastest" goes by.
+    time: float = 10.0
 
 
 class Table(Brdf):
@@ -104,7 +114,7 @@ class Table(Brdf):
 
     @classmethod
     def candidates(cls, source: Brdf, options: BuildOptions, max_bytes: int | None) -> Iterable[BuildOptions]:
-        """Options to try, cheapest first; with `max_bytes`, the best that should fit."""
+        """Options to try, cheapest first, with their expected `time`; with `max_bytes`, the best that should fit."""
         return (options,)
 
     @classmethod

@@ -51,6 +51,8 @@ _COARSE, _ROUNDS = 9_000, 3
 _DRAWS, _DRAW_SEED = 60_000, 7_919
 #: Steps of the solver for the final nodes, and where only spacings are compared.
 _STEPS, _COARSE_STEPS = 60, 15
+#: The mirror direction's coordinate is taken where it has less than this part of the error.
+_MIRROR_GAIN = 0.7
 #: Directions evaluated at a time.
 _CHUNK = 262_144
 #: Weight of |difference|^2 between neighbours against the median node's own.
@@ -72,6 +74,7 @@ class Layout:
     map_d: Float64Array  # on grid_w(); falls from 1 to 0, as theta_d does
     map_p: Float64Array  # on STEPS_Z uniform steps a unit of z
     factor: str
+    mirror: bool  # u is about the mirror direction instead of theta_h
     bilateral: bool
     reciprocal: bool
 
@@ -130,18 +133,21 @@ def grazing(factor: str, theta_i: Float64Array, theta_o: Float64Array) -> Float6
     return np.asarray((k0 * c_i + k1 * c_o + k2) / (k3 * c_i * c_o + k4 * (c_i + c_o) + k5))
 
 
-def angles_of(u: Float64Array, w: Float64Array, z: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+def angles_of(
+    u: Float64Array, w: Float64Array, z: Float64Array, mirror: bool = False
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """(theta_i, theta_o, delta_phi) of coordinates (u, w, z); thetas beyond pi/2 are below the horizon.
 
     wi = Ry(theta_h) d, wo = Ry(theta_h) (-d_x, -d_y, d_z) with d at (theta_d, phi_d).
     """
-    theta_h = np.arctan(np.sqrt(u))
     folded = np.where(np.abs(z) <= 1, np.abs(z), 2 - np.abs(z))
     phi_d = np.arctan2(folded, 1 - folded)
     phi_d = np.where(np.abs(z) <= 1, phi_d, np.pi - phi_d)
     sin_d, cos_d = np.sqrt(1 - w), np.sqrt(w)
     d_x, d_y = sin_d * np.cos(phi_d), sin_d * np.sin(phi_d)
-    sin_h, cos_h = np.sin(theta_h), np.cos(theta_h)
+    # about the mirror direction: u = sin^2 theta_h (cos^2 theta_d + sin^2 theta_d cos^2 phi_d)
+    sin2_h = np.minimum(u / np.maximum(w + (1 - w) * np.cos(phi_d) ** 2, 1e-300), 1) if mirror else u / (1 + u)
+    sin_h, cos_h = np.sqrt(sin2_h), np.sqrt(1 - sin2_h) if mirror else np.sqrt(1 / (1 + u))
     wi = np.stack([cos_h * d_x + sin_h * cos_d, d_y, cos_h * cos_d - sin_h * d_x], axis=-1).reshape(-1, 3)
     wo = np.stack([sin_h * cos_d - cos_h * d_x, -d_y, cos_h * cos_d + sin_h * d_x], axis=-1).reshape(-1, 3)
     theta_i, theta_o, delta_phi = angles_from_vectors(wi, wo)
@@ -161,7 +167,8 @@ class Fitter:
         used = (drawn.weight > 0) & (np.maximum(drawn.theta_i, drawn.theta_o) < np.radians(89.5))
         self.theta_i, self.theta_o, self.delta_phi = drawn.theta_i[used], drawn.theta_o[used], drawn.delta_phi[used]
         self.values = sample(self.theta_i, self.theta_o, self.delta_phi)
-        self.at = coordinates_numpy(self.theta_i, self.theta_o, self.delta_phi, bilateral, reciprocal)
+        angles = (self.theta_i, self.theta_o, self.delta_phi)
+        self.at = {kind: coordinates_numpy(*angles, bilateral, reciprocal, kind) for kind in (False, True)}
         lobe = drawn.lobe[used]
         cosines = np.cos(self.theta_i) * np.cos(self.theta_o)
         energy = cosines * np.abs(self.values).sum(axis=1)
@@ -181,9 +188,14 @@ class Fitter:
         shape = shape_for(_COARSE, self.bilateral, self.reciprocal)[0]
         best: tuple[float, Layout] | None = None
         for factor in FACTORS:
-            layout = self._start(factor)
+            layout = self._start(factor, mirror=False)
             error = self._error(layout, shape)[0]
             if best is None or error < 0.97 * best[0]:
+                best = (error, layout)
+        for factor in {best[1].factor if best else "none", "none"}:
+            layout = self._start(factor, mirror=True)
+            error = self._error(layout, shape)[0]
+            if best is None or error < _MIRROR_GAIN * best[0]:
                 best = (error, layout)
         assert best is not None
         layout = best[1]
@@ -194,7 +206,7 @@ class Fitter:
                 best = (error, layout)
         return best[1]
 
-    def _start(self, factor: str) -> Layout:
+    def _start(self, factor: str, mirror: bool) -> Layout:
         from brdfcore.kernels.half_difference import grid_u, grid_w
 
         t = np.sqrt(grid_u())
@@ -207,7 +219,7 @@ class Fitter:
         part = np.abs(z) - quarter
         phi = np.sign(z) * (quarter * HALF_PI + np.arctan2(part, 1 - part))
         theta_d = np.arccos(np.sqrt(grid_w()))
-        guide_h, guide_d = self._guides(t, grid_w(), factor)
+        guide_h, guide_d = self._guides(t, grid_w(), factor, mirror)
         return Layout(
             guide_h=guide_h,
             guide_d=guide_d,
@@ -215,14 +227,15 @@ class Fitter:
             map_d=theta_d / theta_d[0],
             map_p=(phi - phi[0]) / (phi[-1] - phi[0]),
             factor=factor,
+            mirror=mirror,
             bilateral=self.bilateral,
             reciprocal=self.reciprocal,
         )
 
-    def _guides(self, t: Float64Array, w: Float64Array, factor: str) -> tuple[Float64Array, Float64Array]:
+    def _guides(self, t: Float64Array, w: Float64Array, factor: str, mirror: bool) -> tuple[Float64Array, Float64Array]:
         """The parts of log2 f/K in theta_h and in theta_d, each over a fixed set of the other two coordinates."""
         some = np.cos(np.radians([1.0, 5.0, 12.0, 20.0, 30.0, 40.0, 50.0, 60.0, 68.0, 74.0, 79.0])) ** 2
-        f, weight = self._over(t * t, some, factor)
+        f, weight = self._over(t * t, some, factor, mirror)
         floor = 1e-6 * float(np.mean(np.abs(f[weight > 0]))) or 1.0
         log = np.log2(np.maximum(f, floor))
         rest = np.zeros(f.shape[1:])
@@ -237,7 +250,7 @@ class Fitter:
         # along theta_d the mean of the ratio, which noise about 0 leaves alone, not that of its logarithm
         few = np.tan(np.radians(_FEW))
         few = few[few <= max(lit.max(initial=0.0), few[0])]
-        f, weight = self._over(few * few, w, factor)
+        f, weight = self._over(few * few, w, factor, mirror)
         ratio = f * np.exp2(-np.interp(few, t, along))[:, None, None]
         total = weight.sum(axis=(0, 2))
         mean = (weight * ratio).sum(axis=(0, 2)) / np.maximum(total, 1e-300)
@@ -245,13 +258,14 @@ class Fitter:
         deep = np.log2(np.clip(mean / typical, 2.0**-_DEPTH, 2.0**_DEPTH))
         return along, deep
 
-    def _over(self, u: Float64Array, w: Float64Array, factor: str) -> tuple[Float64Array, Float64Array]:
+    def _over(self, u: Float64Array, w: Float64Array, factor: str, mirror: bool) -> tuple[Float64Array, Float64Array]:
         """Mean of the channels of f/K on a lattice of u, w and some phi_d, and cosine weights; 0 below the horizon."""
         phi = (np.arange(12) + 0.5) / 12 * np.pi
         z = np.where(phi <= HALF_PI, 1.0, -1.0) * (np.sin(phi) / (np.sin(phi) + np.abs(np.cos(phi))) - 1) + 1
         if not self.bilateral:
             z = np.concatenate([z, -z])
-        theta_i, theta_o, delta_phi = angles_of(*np.meshgrid(u, w, z, indexing="ij"))
+        at_u, at_w, at_z = np.meshgrid(u, w, z, indexing="ij")
+        theta_i, theta_o, delta_phi = angles_of(at_u, at_w, at_z, mirror)
         above = (theta_i < HALF_PI - 1e-5) & (theta_o < HALF_PI - 1e-5)
         weight, f = np.zeros(theta_i.shape), np.zeros(theta_i.shape)
         i, o, d = theta_i[above], theta_o[above], delta_phi[above]
@@ -263,7 +277,7 @@ class Fitter:
         """Nodes moved towards the error: density multiplied by the square root of the error between two nodes."""
         _, errors = self._error(layout, shape)
         maps = []
-        places = layout.positions(self.at, shape)
+        places = layout.positions(self.at[layout.mirror], shape)
         for place, old, n in zip(places, (layout.map_h, layout.map_d, layout.map_p), shape):
             cell = np.minimum(place.astype(np.int64), n - 2)
             binned = np.bincount(cell, errors, n - 1)
@@ -276,8 +290,8 @@ class Fitter:
     def _error(self, layout: Layout, shape: tuple[int, int, int]) -> tuple[float, Float64Array]:
         """The worse half's L1 of a lattice of this shape, and each draw's part in it."""
         nodes = self.nodes(layout, shape, steps=_COARSE_STEPS)
-        found = interpolate(nodes, layout.positions(self.at, shape))
-        found *= layout.growth(self.theta_i, self.theta_o, *self.at[:2])[:, None]
+        found = interpolate(nodes, layout.positions(self.at[layout.mirror], shape))
+        found *= layout.growth(self.theta_i, self.theta_o, *self.at[layout.mirror][:2])[:, None]
         apart = np.abs(found - self.values).sum(axis=1)
         errors = apart * self.share
         relative = _RELATIVE * apart * self.relative
@@ -308,7 +322,7 @@ class Fitter:
             part = slice(start, start + rows)
             place = np.stack(np.meshgrid(along[0][part], along[1], along[2], indexing="ij"), axis=-1).reshape(-1, 3)
             u, w, z = (g.reshape(-1) for g in np.meshgrid(points[0][part], points[1], points[2], indexing="ij"))
-            theta_i, theta_o, delta_phi = angles_of(u, w, z)
+            theta_i, theta_o, delta_phi = angles_of(u, w, z, layout.mirror)
             above = (theta_i < HALF_PI - 1e-5) & (theta_o < HALF_PI - 1e-5)
             if not above.any():
                 continue

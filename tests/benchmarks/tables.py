@@ -70,6 +70,51 @@ def analytic(max_bytes: int) -> None:
             )
 
 
+def twenty_models() -> dict[str, bc.Brdf]:
+    """Twenty analytic materials of all kinds and roughnesses."""
+    made = {
+        "lambert": bc.model("lambert"),
+        "lambert rgb": bc.model("lambert", reflectance=[0.8, 0.4, 0.1]),
+        "oren_nayar": bc.model("oren_nayar", sigma=0.5),
+        "phong 20": bc.model("phong", exponent=20),
+        "phong 2000": bc.model("phong", exponent=2000),
+        "blinn_phong 200": bc.model("blinn_phong", exponent=200),
+        "ward .2": bc.model("ward", roughness=0.2),
+        "ward .02": bc.model("ward", roughness=0.02),
+        "diffuse + glass coat": bc.model("cook_torrance", diffuse=0.5, specular=0.5, roughness=0.05, ior="glass"),
+        "diffuse + spike": 0.7 * bc.model("lambert") + 0.02 * bc.model("ggx", roughness=0.01, ior="silver"),
+    }
+    for distribution in ("ggx", "beckmann"):
+        for roughness in (0.6, 0.2, 0.05, 0.01, 0.003):
+            label = f"gold {distribution} {roughness:g}"
+            made[label] = bc.model("cook_torrance", roughness=roughness, ior="gold", distribution=distribution)
+    return made
+
+
+def tolerance(asked: float) -> None:
+    """`tabulate(tolerance=)` of ten files and twenty models, measured again on other directions."""
+    print(f"\ntolerance = {asked:g}, measured again on 400,000 fresh directions")
+    heads = f"{'chosen':16} {'bytes':>9} {'t.error l1':>11} {'fresh l1':>9} {'+-':>8} {'build s':>8}"
+    print(f"{'material':24} {heads}")
+    sources: dict[str, Any] = {f"measured {name}": name for name in shared.rgl_names()} if shared.RGL.exists() else {}
+    sources |= twenty_models()
+    worst = 0.0
+    for label, source in sources.items():
+        if isinstance(source, str):
+            source = bc.read(shared.rgl_path(source))
+        start = time.perf_counter()
+        table = bc.tabulate(source, tolerance=asked)
+        seconds = time.perf_counter() - start
+        again = bc.compare(source, table, directions=400_000, seed=4_242_424)
+        worst = max(worst, again.l1)
+        print(
+            f"{label:24} {table.name:16} {table.nbytes:9} {table.error['l1']:11.5f} {again.l1:9.5f} "
+            f"{again.l1_stderr:8.5f} {seconds:8.1f}",
+            flush=True,
+        )
+    print(f"worst {worst:.5f}: {'within' if worst <= 1.1 * asked else 'ABOVE'} 1.1 x the tolerance")
+
+
 def mitsuba_measured(path: Any, angles: list[Any]) -> Any:
     """A function that evaluates Mitsuba's `measured` plug-in on the same directions, or None (the reason printed)."""
     try:
@@ -144,11 +189,13 @@ def speed(n: int, rounds: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", choices=["measured", "large", "analytic", "speed", []], help="default: all")
+    parser.add_argument(
+        "parts", nargs="*", choices=["measured", "large", "analytic", "tolerance", "speed", []], help="default: all"
+    )
     parser.add_argument("-n", type=int, default=10_000_000, help="look-ups (default 1e7)")
     parser.add_argument("--rounds", type=int, default=7)
     given = parser.parse_args()
-    parts = given.parts or ["measured", "large", "analytic", "speed"]
+    parts = given.parts or ["measured", "large", "analytic", "tolerance", "speed"]
     print(machine())
     if not shared.REFERENCE.exists():
         print("left out: the ten measured files (../shared is absent)")
@@ -158,6 +205,8 @@ def main() -> None:
         measured(4_500_000)
     if "analytic" in parts:
         analytic(256_000)
+    if "tolerance" in parts:
+        tolerance(0.01)
     if "speed" in parts:
         speed(given.n, given.rounds)
 
