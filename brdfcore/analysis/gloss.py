@@ -29,13 +29,13 @@ Float64Array = npt.NDArray[np.float64]
 
 #: Index of the black glass that has 100 gloss units at every angle (ISO 2813:2014, ASTM D523).
 REFERENCE_IOR = 1.567
-#: Error, gloss units, at which the integration is content: a fifth of what a good instrument repeats to.
-TOLERANCE = 0.02
+#: Error, gloss units, at which the integration is content: half of the last digit that instruments show.
+TOLERANCE = 0.05
 #: Evaluations that one geometry may spend.
-BUDGET = 8_000_000
-#: Nodes on each panel over azimuth and half vector, and over the source along and across; each level doubles the work
-#: on every axis and its change is the error estimate.
-_LEVELS = ((4, 5, 3, 4), (8, 10, 4, 6), (16, 20, 6, 8), (32, 40, 9, 12))
+BUDGET = 16_000_000
+#: Nodes on each panel over azimuth and half vector, and over the source along and across. What a level changes on the
+#: one before is taken for its error: more than the error where f is smooth, about it for measured data with kinks.
+_LEVELS = ((4, 5, 3, 4), (8, 10, 4, 6), (16, 20, 6, 8), (24, 30, 8, 10))
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,7 @@ def gloss(
     part is added exactly: what of the source's mirror image lies within the receptor. Uniform radiance over the
     source's image is assumed, and a receptor of equal response.
 
-    tolerance  gloss units; the nodes are doubled until a doubling changes the reading by less.
+    tolerance  gloss units; nodes are added until that changes the reading by less.
     budget     evaluations after which one geometry ends, with the error it has reached.
     haze       a geometry relative to the gloss flux of the glass at the same angle; None leaves it out.
 
@@ -254,15 +254,18 @@ def _read(
     nothing = np.zeros(len(b.channels))
     delta = scale * _mirrored(geometry, b.delta_reflectance) if b.has_delta else nothing
     spent, before, error = 0, None, np.full(len(b.channels), np.inf)
-    for level in _LEVELS:
+    regular = nothing
+    for level, following in zip(_LEVELS, (*_LEVELS[1:], None)):
         regular, used = _regular(b, geometry, level)
         regular *= scale
         spent += used
         if before is not None:
             error = np.abs(regular - before)
             # a value that is not finite does not become finite
-            if not (error > tolerance).any() or not np.isfinite(regular).all() or spent + 8 * used > budget:
+            if not (error > tolerance).any() or not np.isfinite(regular).all():
                 break
+        if following is not None and spent + used * math.prod(following) / math.prod(level) > budget:
+            break
         before = regular
     values = regular + delta
     return Reading(

@@ -24,8 +24,11 @@ Float64Array = npt.NDArray[np.float64]
 #: seen from a grazing mirror direction the far side of the aperture subtends a small angle.
 _BETWEEN_CORNERS = np.array([0.0, 1 / 16, 1 / 4, 1 / 2, 3 / 4, 15 / 16, 1.0])
 #: Panels over rho shrink geometrically by four from the edge of the aperture to a millionth of it: a lobe of roughness
-#: 1e-7 is resolved.
+#: 1e-7 is resolved. Those within a sixtieth take `_INNER_NODES` at most: only a smooth, sharp lobe has anything there.
 _GRADED = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 11)])
+_INNER, _INNER_NODES = 8, 8
+#: Panels, in geometric progression, of a ray that begins apart from the mirror direction.
+_APART = 3
 #: Values evaluated at a time: memory stays below 100 MB.
 _CHUNK = 1 << 20
 
@@ -77,19 +80,22 @@ def received(b: Brdf, light: Float64Array, aperture: Rectangle, n_phi: int, n_rh
     total = np.zeros(len(b.channels))
     if not row.size:
         return total, 0
-    x, w = composite(np.linspace(0.0, 1.0, _GRADED.size), n_rho)
-    rows = max(_CHUNK // (x.size * len(b.channels)), 1)
-    for start in range(0, row.size, rows):
-        part = np.s_[start : start + rows]
-        rho, w_rho = _graded(low[part], high[part], x, w)
-        azimuth = phi[row[part], None]
-        theta_o, delta_phi, dot = outgoing_from_half(theta_i, np.arctan(rho), azimuth)
-        theta_o = np.minimum(theta_o, np.pi / 2)  # a node before the horizon may land past it by rounding
-        f = b.evaluate(theta_i, theta_o.reshape(-1), delta_phi.reshape(-1))
-        # dwo = 4 (wo.h) dwh, dwh = rho/(1 + rho^2)^(3/2) drho dphi
-        weight = w_phi[row[part], None] * w_rho * 4 * dot * rho / (1 + rho * rho) ** 1.5 * np.cos(theta_o)
-        total += weight.reshape(-1) @ f
-    return total, row.size * x.size
+    spent = 0
+    for chosen, panels in ((low == 0, _from_pole(n_rho)), (low > 0, _apart(n_rho))):
+        index, start, stop = row[chosen], low[chosen], high[chosen]
+        spent += index.size * panels.nodes
+        rows = max(_CHUNK // (panels.nodes * len(b.channels)), 1)
+        for first in range(0, index.size, rows):
+            part = np.s_[first : first + rows]
+            rho, w_rho = panels.between(start[part], stop[part])
+            azimuth = phi[index[part], None]
+            theta_o, delta_phi, dot = outgoing_from_half(theta_i, np.arctan(rho), azimuth)
+            theta_o = np.minimum(theta_o, np.pi / 2)  # a node before the horizon may land past it by rounding
+            f = b.evaluate(theta_i, theta_o.reshape(-1), delta_phi.reshape(-1))
+            # dwo = 4 (wo.h) dwh, dwh = rho/(1 + rho^2)^(3/2) drho dphi
+            weight = w_phi[index[part], None] * w_rho * 4 * dot * rho / (1 + rho * rho) ** 1.5 * np.cos(theta_o)
+            total += weight.reshape(-1) @ f
+    return total, spent
 
 
 def _turned(v: Float64Array, angle: float) -> Float64Array:
@@ -142,17 +148,36 @@ def _roots(a2: Float64Array, a1: Float64Array, a0: Float64Array) -> Iterator[Flo
         yield np.where(root > 0, root, np.inf)
 
 
-def _graded(
-    low: Float64Array, high: Float64Array, x: Float64Array, w: Float64Array
-) -> tuple[Float64Array, Float64Array]:
-    """Nodes and weights over each [low, high], (rows, nodes): panels grow geometrically with the distance from 0."""
-    panels = _GRADED.size - 1
-    points = x.size // panels
-    edges = np.maximum(high[:, None] * _GRADED, low[:, None])
-    k = np.arange(x.size) // points
-    inside = x * panels - k
-    width = np.diff(edges, axis=1)[:, k]
-    return edges[:, k] + width * inside, width * (w * panels)
+@dataclass(frozen=True, slots=True)
+class _Panels:
+    """Gauss-Legendre nodes t in [0, 1] with weights, and whether a span from a to b is a + (b - a) t or a (b/a)^t."""
+
+    t: Float64Array
+    w: Float64Array
+    geometric: bool
+
+    @property
+    def nodes(self) -> int:
+        return self.t.size
+
+    def between(self, low: Float64Array, high: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Nodes and weights over each [low, high], (rows, nodes)."""
+        if not self.geometric:
+            width = (high - low)[:, None]
+            return low[:, None] + width * self.t, width * self.w
+        ratio = np.log(high / low)[:, None]
+        rho = low[:, None] * np.exp(ratio * self.t)
+        return rho, rho * ratio * self.w
+
+
+def _from_pole(n: int) -> _Panels:
+    parts = [composite(_GRADED[: _INNER + 1], min(n, _INNER_NODES)), composite(_GRADED[_INNER:], n)]
+    t, w = (np.concatenate(x) for x in zip(*parts))
+    return _Panels(t, w, False)
+
+
+def _apart(n: int) -> _Panels:
+    return _Panels(*composite(np.linspace(0.0, 1.0, _APART + 1), n), True)
 
 
 def rectangle_nodes(
