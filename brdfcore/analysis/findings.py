@@ -129,12 +129,16 @@ class CheckReport:
             declared = [] if f.declared is None else [f"declared {'yes' if f.declared else 'no'}"]
             limit = [] if f.fails_above is None else [f"fails above {f.fails_above:g}"]
             why = [] if f.verdict == "pass" else [f.because]
-            if declared or limit or why:
-                yield f"{'':<14}{'; '.join(declared + [': '.join(limit + why)] if limit or why else declared)}", ""
+            reason = [": ".join([*limit, *why])] if limit or why else []
+            if declared or reason:
+                yield f"{'':<14}{'; '.join([*declared, *reason])}", ""
             for place in f.worst:
                 yield f"{'':<16}{place}", ""
         yield "", ""
-        yield "directions are (theta_i[, theta_o, delta_phi]) in degrees; the mirror direction is at delta_phi = 180", ""
+        yield (
+            "directions are (theta_i[, theta_o, delta_phi]), degrees; the mirror direction is at delta_phi = 180",
+            "",
+        )
 
     def __str__(self) -> str:
         return "\n".join(text for text, _ in self.lines())

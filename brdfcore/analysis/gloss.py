@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from numbers import Real
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -31,8 +30,8 @@ Float64Array = npt.NDArray[np.float64]
 REFERENCE_IOR = 1.567
 #: Error, gloss units, at which the integration is content: half of the last digit that instruments show.
 TOLERANCE = 0.05
-#: Evaluations that one geometry may spend.
-BUDGET = 16_000_000
+#: Values (evaluations x channels) that one geometry may spend after its first two levels.
+BUDGET = 50_000_000
 #: Nodes on each panel over azimuth and half vector, and over the source along and across. What a level changes on the
 #: one before is taken for its error: more than the error where f is smooth, about it for measured data with kinks.
 _LEVELS = ((4, 5, 3, 4), (8, 10, 4, 6), (16, 20, 6, 8), (24, 30, 8, 10))
@@ -86,7 +85,7 @@ class Geometry:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 #: ISO 2813:2014 table 1 and ASTM D523 table 1.
@@ -147,21 +146,29 @@ class Gloss:
     luminance_of: str
     reference_ior: float
     tolerance: float
-    standards: tuple[str, ...] = field(
-        default=("ISO 2813:2014 / ASTM D523 (gloss)", "ASTM D4039 (G60 - G20)", "ASTM E430 B / ISO 13803 (haze at 20)")
-    )
+
+    @property
+    def standards(self) -> list[str]:
+        """Those that the readings follow, as far as nothing was changed in their geometries."""
+        named = {
+            "ISO 2813:2014 / ASTM D523 (gloss)": all(r.geometry in GLOSS for r in self.gloss.values()),
+            "ASTM D4039 (haze, G60 - G20)": "astm_d4039" in self.haze,
+            "ASTM E430 B / ISO 13803 (haze at 20)": "astm_e430" in self.haze,
+        }
+        return [name for name, follows in named.items() if follows]
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
             "channels": self.channels.to_json(),
             "unit": "GU",
+            "angles": "deg",
             "gloss": {name: r.to_json() for name, r in self.gloss.items()},
             "haze": self.haze,
             "luminance_of": self.luminance_of,
             "reference_ior": self.reference_ior,
             "tolerance": self.tolerance,
-            "standards": list(self.standards),
+            "standards": self.standards,
         }
 
 
@@ -182,7 +189,8 @@ def gloss(
     source's image is assumed, and a receptor of equal response.
 
     tolerance  gloss units; nodes are added until that changes the reading by less.
-    budget     evaluations after which one geometry ends, with the error it has reached.
+    budget     values (evaluations x channels) at which one geometry ends, with the error it has reached; two levels,
+               about half a million evaluations, are always made.
     haze       a geometry relative to the gloss flux of the glass at the same angle; None leaves it out.
 
     Raises `InputError` for a geometry, tolerance, budget or index that cannot be.
@@ -196,7 +204,7 @@ def gloss(
     weights, luminance_of = luminance_weights(b.channels)
     readings = {g.name: _read(b, g, g, weights, reference_ior, tolerance, budget) for g in geometries}
     found: dict[str, dict[str, Any]] = {}
-    if {"20", "60"} <= readings.keys():
+    if all(name in readings and readings[name].geometry.theta == float(name) for name in ("20", "60")):
         found["astm_d4039"] = _difference(readings["60"], readings["20"])
     if haze is not None:
         specular = next((g for g in geometries if g.theta == haze.theta), None)
@@ -264,8 +272,9 @@ def _read(
             # a value that is not finite does not become finite
             if not (error > tolerance).any() or not np.isfinite(regular).all():
                 break
-        if following is not None and spent + used * math.prod(following) / math.prod(level) > budget:
-            break
+            after = spent if following is None else spent + used * math.prod(following) / math.prod(level)
+            if after * len(b.channels) > budget:
+                break
         before = regular
     values = regular + delta
     return Reading(
@@ -285,14 +294,15 @@ def _regular(b: Brdf, geometry: Geometry, level: tuple[int, int, int, int]) -> t
     """(mean over the source of the flux into the receptors, (channels,); evaluations), the delta part left out."""
     n_phi, n_rho, n_along, n_across = level
     theta = math.radians(geometry.theta)
-    x, y, weight = rectangle_nodes(*np.radians(geometry.source), n_along, n_across, half=b.bilateral)
+    wide, high = (math.radians(a) for a in geometry.source)
+    x, y, weight = rectangle_nodes(wide, high, n_along, n_across, half=b.bilateral)
     towards = np.array([math.sin(theta), 0.0, math.cos(theta)])
     along, across = np.array([math.cos(theta), 0.0, -math.sin(theta)]), np.array([0.0, 1.0, 0.0])
     lights = towards + x[:, None] * along + y[:, None] * across
     lights /= np.linalg.norm(lights, axis=1)[:, None]
     total, spent = np.zeros(len(b.channels)), 0
     for offset in geometry.offsets:
-        aperture = Rectangle(theta + math.radians(offset), *(math.radians(a) for a in geometry.receptor))
+        aperture = Rectangle(theta + math.radians(offset), *map(math.radians, geometry.receptor))
         for light, share in zip(lights, weight):
             flux, used = received(b, light, aperture, n_phi, n_rho)
             total += share * flux

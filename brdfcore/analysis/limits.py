@@ -1,4 +1,4 @@
-"""f where a coordinate degenerates: at the normal, where azimuth has no meaning, and at the horizon, where f may grow."""
+"""f where a coordinate degenerates: at the normal, where azimuth has no meaning, and at the horizon."""
 
 from __future__ import annotations
 
@@ -39,18 +39,16 @@ def azimuth_dependence(b: Brdf) -> tuple[Float64Array, Float64Array, list[Worst]
     found: list[tuple[Float64Array, Float64Array]] = []
     named: list[tuple[float, Worst]] = []
     for normal_is_light in (True, False):
-        angles = (0.0, theta[:, None]) if normal_is_light else (theta[:, None], 0.0)
-        f = b.evaluate(*angles, delta_phi).astype(np.float64)
+        f = _evaluated(b, normal_is_light, np.zeros(1), theta[:, None], delta_phi)
         off = np.abs(f - f.mean(axis=1, keepdims=True))
         off[off <= 8 * np.finfo(np.float64).eps * np.abs(f)] = 0.0  # the mean's own rounding
         halves = [np.einsum("i,ijc->c", weight, off[:, k::2]) / (0.5 * _AZIMUTHS) for k in (0, 1)]
         found.append((0.5 * (halves[0] + halves[1]), 0.5 * np.abs(halves[0] - halves[1])))
         score = np.where(np.isfinite(off), off, np.inf) * np.cos(theta)[:, None, None]
         i, j, c = (int(x) for x in np.unravel_index(int(score.argmax()), score.shape))
-        place = [0.0, round(float(np.degrees(theta[i])), 4)]
-        turn = round(float(np.degrees(delta_phi[j])), 4)
-        text = f"{labels[c]}: f = {f[i, j, c]:.4g}, its mean over delta_phi {f[i, :, c].mean():.4g}"
-        named.append((float(score[i, j, c]), Worst(*(place if normal_is_light else place[::-1]), turn, labels[c], text)))
+        other, turn = (round(float(np.degrees(x)), 4) for x in (theta[i], delta_phi[j]))
+        text = f"f = {f[i, j, c]:.4g}, its mean over delta_phi {f[i, :, c].mean():.4g}"
+        named.append((float(score[i, j, c]), _worst(normal_is_light, 0.0, other, turn, labels[c], text)))
     values, errors = (np.stack(x) for x in zip(*found))
     which = values.argmax(axis=0)
     named.sort(key=lambda p: -p[0])
@@ -82,9 +80,9 @@ def horizon(b: Brdf) -> Growth:
     for towards_viewer in (True, False):
         scaled = []
         for distance in (_NEAR, _FAR):
-            moving = np.radians(90.0 - distance)
-            angles = (fixed, moving) if towards_viewer else (moving, fixed)
-            scaled.append(np.pi * np.abs(b.evaluate(*angles, turns)) * np.cos(moving))
+            moving = np.radians([90.0 - distance])
+            f = _evaluated(b, towards_viewer, fixed, moving, turns)
+            scaled.append(np.pi * np.abs(f) * np.cos(moving))
         near, far = scaled
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             p = np.log(near / far) / np.log(_FAR / _NEAR)
@@ -92,9 +90,8 @@ def horizon(b: Brdf) -> Growth:
         i, j, c = (int(x) for x in np.unravel_index(int(p.argmax()), p.shape))
         if p[i, j, c] > power:
             power = float(p[i, j, c])
-            place = [_FIXED[i], 90.0] if towards_viewer else [90.0, _FIXED[i]]
-            text = f"{labels[c]}: pi f cos = {far[i, j, c]:.3g} and {near[i, j, c]:.3g}, {_FAR:g} and {_NEAR:g} before"
-            worst = [Worst(*place, _TURNS[j], labels[c], text)]
+            text = f"pi f cos = {far[i, j, c]:.3g} and {near[i, j, c]:.3g}, {_FAR:g} and {_NEAR:g} degrees before"
+            worst = [_worst(towards_viewer, _FIXED[i], 90.0, _TURNS[j], labels[c], text)]
     not_finite, where = _at_the_horizon(b)
     last, error = _last_degree(b)
     # growth that is no more than rounding names no direction
@@ -107,14 +104,25 @@ def _at_the_horizon(b: Brdf) -> tuple[int, list[Worst]]:
     turns = np.radians(_TURNS)
     count, named = 0, []
     for light in (True, False):
-        angles = (np.pi / 2, other[:, None]) if light else (other[:, None], np.pi / 2)
-        bad = np.argwhere(~np.isfinite(b.evaluate(*angles, turns)))
+        bad = np.argwhere(~np.isfinite(_evaluated(b, light, np.array([np.pi / 2]), other[:, None], turns)))
         count += len(bad)
         for i, j, c in bad[:1].tolist():
-            place = [90.0, [*_FIXED, 90.0][i]]
             label = b.channels.labels()[c]
-            named.append(Worst(*(place if light else place[::-1]), _TURNS[j], label, f"{label}: not finite"))
+            named.append(_worst(light, 90.0, [*_FIXED, 90.0][i], _TURNS[j], label, "not finite"))
     return count, named
+
+
+def _evaluated(
+    b: Brdf, first_is_light: bool, first: Float64Array, second: Float64Array, delta_phi: Float64Array
+) -> Float64Array:
+    """f with the light at `first` and the viewer at `second`, or the other way round; float64."""
+    theta_i, theta_o = (first, second) if first_is_light else (second, first)
+    return b.evaluate(theta_i, theta_o, delta_phi).astype(np.float64)
+
+
+def _worst(first_is_light: bool, first: float, second: float, delta_phi: float, channel: str, text: str) -> Worst:
+    theta_i, theta_o = (first, second) if first_is_light else (second, first)
+    return Worst(theta_i, theta_o, delta_phi, channel, f"{channel}: {text}")
 
 
 def _last_degree(b: Brdf) -> tuple[Float64Array, float]:

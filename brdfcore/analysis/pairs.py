@@ -85,6 +85,36 @@ def misplaced(b: Brdf, quantity: Misplaced, describe: str, *, directions: int, s
     return Sums(mean, error, relative, count, not_finite, weight.size * channels, worst)
 
 
+def difference(a: Brdf, b: Brdf, *, directions: int, seed: int) -> tuple[float, float, float, float]:
+    """(L1 of b against a, its standard error, misplaced reflectance of the worst channel, share of values that differ).
+
+    L1 is relative to int |f| c_i c_o of `a`, channels summed: a source with negative values has it too.
+    """
+    drawn = mixture(directions, seed)
+    used = drawn.weight > 0
+    angles = [x[used] for x in (drawn.theta_i, drawn.theta_o, drawn.delta_phi)]
+    weight = drawn.weight[used]
+    change, size = np.zeros(weight.size), np.zeros(weight.size)
+    by_channel, differ = np.zeros(len(a.channels)), 0
+    step = max(_CHUNK // len(a.channels), 1)
+    for start in range(0, weight.size, step):
+        part = np.s_[start : start + step]
+        f, g = (m.evaluate(*(x[part] for x in angles)) for m in (a, b))
+        good = np.isfinite(f) & np.isfinite(g)
+        with np.errstate(invalid="ignore"):
+            e = np.where(good, np.abs(g - f), 0.0)
+        change[part], size[part] = e.sum(axis=1), np.where(good, np.abs(f), 0.0).sum(axis=1)
+        by_channel += weight[part] @ e
+        differ += int(np.count_nonzero(e))
+    total = float(weight @ size)
+    share = differ / (weight.size * len(a.channels))
+    if total == 0:
+        return 0.0, 0.0, 0.0, share
+    l1 = float(weight @ change) / total
+    error = float(np.sqrt(np.sum((weight * (change - l1 * size)) ** 2))) / total
+    return l1, error, float(by_channel.max()) / directions / np.pi, share
+
+
 def _apart(
     candidates: list[tuple[float, int, int, float, float]],
     theta_i: Float64Array,
@@ -102,9 +132,9 @@ def _apart(
         if any(max(abs(a - b) for a, b in zip(p, q)) < _APART for p in chosen for q in (here, swapped)):
             continue
         chosen.append(here)
-        degrees = (*np.degrees(here[:2]), np.degrees(float(delta_phi[k])))
+        degrees = [round(float(np.degrees(x)), 4) for x in (theta_i[k], theta_o[k], delta_phi[k])]
         text = f"{labels[c]}: {describe.format(f=f'{f:.4g}', g=f'{g:.4g}')}"
-        named.append(Worst(*(round(float(x), 4) for x in degrees), labels[c], text))
+        named.append(Worst(degrees[0], degrees[1], degrees[2], labels[c], text))
         if len(named) == _NAMED:
             break
     return named

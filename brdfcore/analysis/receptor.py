@@ -139,7 +139,7 @@ def _spans(
 
 
 def _roots(a2: Float64Array, a1: Float64Array, a0: Float64Array) -> Iterator[Float64Array]:
-    """Positive roots of a2 x^2 + a1 x + a0, inf where there is none; q = -(a1 + sign(a1) sqrt(..))/2 cancels nothing."""
+    """Roots > 0 of a2 x^2 + a1 x + a0, inf where there is none: q = -(a1 + sign(a1) sqrt(..))/2 cancels nothing."""
     square = a1 * a1 - 4 * a2 * a0
     q = -0.5 * (a1 + np.copysign(np.sqrt(np.maximum(square, 0.0)), a1))
     for above, below in ((q, a2), (a0, q)):

@@ -92,6 +92,16 @@ class RemoteBrdf(Described, Brdf):
         values = np.asarray(flat).reshape((*angles.shape, len(self.channels)))
         return values, np.full_like(values, np.nan)
 
+    def checks(self) -> dict[str, Any]:
+        """What `bc.check` finds, computed by the service, as its JSON (`verdict`, `findings`); angles in radians."""
+        found: dict[str, Any] = self._run(exchanges.analysis(self.id, "checks", {"angles": "rad"}))
+        return found
+
+    def gloss(self) -> dict[str, Any]:
+        """What `bc.gloss` reads, computed by the service, as its JSON: `gloss` by angle, `haze`, in gloss units."""
+        found: dict[str, Any] = self._run(exchanges.analysis(self.id, "gloss"))
+        return found
+
     @overload
     def slice(
         self, theta_i: npt.ArrayLike, *, view: View = ..., format: Literal["json"] = ..., channel: Channel = ...
