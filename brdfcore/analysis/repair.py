@@ -96,9 +96,10 @@ class Repaired(Brdf):
 def repair(b: Brdf, repairs: str | Iterable[str], *, directions: int = 100_000, seed: int = 20_261_122) -> Repaired:
     """`b` with the repairs asked for; `report["repairs"]` says what each changed, `report["warnings"]` what is left.
 
-    repairs  one or several of "bilateral" (average over the plane of incidence), "reciprocity" (average with the
-             directions exchanged), "negatives" (to 0), "energy" (where the albedo passes 1, scale by a factor of
-             theta_i; with "reciprocity" the smaller factor of both directions, else reciprocity is lost). Made in this order.
+    repairs  one or several of `REPAIRS`, made in its order: "bilateral" (average over the plane of incidence),
+             "reciprocity" (average with the directions exchanged), "negatives" (to 0), "energy" (where the albedo
+             passes 1, scale by a factor of theta_i; with "reciprocity" the smaller factor of both directions, else
+             reciprocity is lost).
 
     Each entry of `report["repairs"]`: name, what, l1 (int |change| c_i c_o / int |f| c_i c_o, of the state before it,
     with standard error), misplaced (the same in albedo units, worst channel), values_changed (fraction of the values of
