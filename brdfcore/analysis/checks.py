@@ -49,9 +49,10 @@ def check(b: Brdf, *, directions: int = 100_000, seed: int = 20_261_122) -> Chec
     Raises `InputError` if `directions` or `seed` is no whole number in range.
     """
     draws: dict[str, Any] = {"directions": directions, "seed": seed}
-    energy, albedo = _energy(b)
-    pairs = [_reciprocity(b, draws), _positivity(b, draws), _bilateral(b, draws)]
-    findings = [energy, *pairs, _normal(b), _horizon(b)]
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is a finding, not a warning
+        energy, albedo = _energy(b)
+        pairs = [_reciprocity(b, draws), _positivity(b, draws), _bilateral(b, draws)]
+        findings = [energy, *pairs, _normal(b), _horizon(b)]
     return CheckReport(findings, b.channels, albedo, int(directions), int(seed))
 
 
@@ -61,13 +62,12 @@ def check(b: Brdf, *, directions: int = 100_000, seed: int = 20_261_122) -> Chec
 def _energy(b: Brdf) -> tuple[Finding, float]:
     """The finding, and the mean albedo of the channels for uniform light."""
     theta = np.radians(ENERGY_ANGLES)
-    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is found below
-        albedo, error = b.albedo_error(theta, tolerance=1e-3)
-        unsure = (np.abs(albedo - 1) <= 2 * error).any(axis=1)
-        if unsure.any():  # on which side of 1
-            albedo[unsure], error[unsure] = b.albedo_error(theta[unsure], tolerance=1e-6, budget=2_000_000)
-        excess = albedo - 1
-        past = (~(excess <= error + ALBEDO_SLACK)).any(axis=1)
+    albedo, error = b.albedo_error(theta, tolerance=1e-3)
+    unsure = (np.abs(albedo - 1) <= 2 * error).any(axis=1)
+    if unsure.any():  # on which side of 1
+        albedo[unsure], error[unsure] = b.albedo_error(theta[unsure], tolerance=1e-6, budget=2_000_000)
+    excess = albedo - 1
+    past = (~(excess <= error + ALBEDO_SLACK)).any(axis=1)
     ranked = np.where(np.isfinite(excess), excess, np.inf)
     labels, best = b.channels.labels(), ranked.argmax(axis=1)
     k = int(ranked.max(axis=1).argmax())

@@ -61,8 +61,7 @@ def misplaced(b: Brdf, quantity: Misplaced, describe: str, *, directions: int, s
         part = np.s_[start : start + step]
         angles = theta_i[part], theta_o[part], delta_phi[part]
         f = b.evaluate(*angles)
-        with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is counted
-            q, beside = quantity(f, *angles)
+        q, beside = quantity(f, *angles)
         good = np.isfinite(q) & np.isfinite(f)
         not_finite += int(good.size - good.sum())
         q, f = np.where(good, q, 0.0), np.where(good, f, 0.0)
@@ -101,7 +100,7 @@ def difference(a: Brdf, b: Brdf, *, directions: int, seed: int) -> tuple[float, 
         part = np.s_[start : start + step]
         f, g = (m.evaluate(*(x[part] for x in angles)) for m in (a, b))
         good = np.isfinite(f) & np.isfinite(g)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # of values that are left out
             e = np.where(good, np.abs(g - f), 0.0)
         change[part], size[part] = e.sum(axis=1), np.where(good, np.abs(f), 0.0).sum(axis=1)
         by_channel += weight[part] @ e
