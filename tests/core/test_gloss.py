@@ -104,7 +104,7 @@ def test_an_aperture_cut_by_the_horizon() -> None:
 
 
 def tangent_plane(b: Brdf, geometry: Geometry, sources: int, panels: int) -> FloatArray:
-    """The reading by direct integration over the receptor's tangent plane, graded to each mirror image; no half vector."""
+    """The reading by integration over the receptor's tangent plane, graded to each mirror image; no half vector."""
     theta = np.radians(geometry.theta)
     s, c = np.sin(theta), np.cos(theta)
     mirror, e_x, e_y = np.array([-s, 0, c]), np.array([-c, 0, -s]), np.array([0.0, 1.0, 0.0])
