@@ -263,13 +263,15 @@ def _read(
     nothing = np.zeros(len(b.channels))
     delta = scale * _mirrored(geometry, b.delta_reflectance) if b.has_delta else nothing
     spent, before, error = 0, None, np.full(len(b.channels), np.inf)
-    regular = nothing
+    regular = last = nothing
     for level, following, trust in zip(_LEVELS, (*_LEVELS[1:], None), _TRUST):
         regular, used = _regular(b, geometry, level)
         regular *= scale
         spent += used
         if before is not None:
-            error = trust * np.abs(regular - before)
+            change = np.abs(regular - before)
+            error = np.maximum(trust * change, last / 8)  # a small change after a large one may be luck
+            last = change
             # a value that is not finite does not become finite
             if not (error > tolerance).any() or not np.isfinite(regular).all():
                 break

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.analysis.pairs import difference
-from brdfcore.brdf import Brdf
+from brdfcore.brdf import DATA_ALBEDO_TOLERANCE, Brdf
 from brdfcore.conventions import FloatArray
 from brdfcore.errors import InputError
 from brdfcore.metrics import ALBEDO_SLACK, BIAS_ANGLES
@@ -171,9 +171,7 @@ def _energy_factors(b: Brdf, repairs: tuple[str, ...]) -> Float64Array:
     middle = 0.5 * (_ENERGY_NODES[:-1] + _ENERGY_NODES[1:])
     before = tuple(r for r in repairs if r != "energy")
     source = Repaired(b, before) if before else b
-    # a tenth of what is aimed below 1; tables and measurements end earlier, within their own tolerance
-    tolerance = 2e-5 if source._analytic else 1e-3
-    at_nodes, between = (source.albedo_error(t, tolerance=tolerance)[0].max(axis=1) for t in (_ENERGY_NODES, middle))
+    at_nodes, between = _largest_albedo(source, _ENERGY_NODES), _largest_albedo(source, middle)
     if not (np.isfinite(at_nodes).all() and np.isfinite(between).all()):
         raise InputError(
             "not_finite", "energy cannot be repaired: the albedo is not finite; check says where", where="repairs"
@@ -188,6 +186,16 @@ def _energy_factors(b: Brdf, repairs: tuple[str, ...]) -> Float64Array:
         for k in high.tolist():
             factors[k : k + 2] *= _AIM / excess[k]
     return factors
+
+
+def _largest_albedo(b: Brdf, theta: Float64Array) -> Float64Array:
+    """Of the channels, (n,): to `DATA_ALBEDO_TOLERANCE`, and of a formula, where it comes near 1, a tenth of `_AIM`."""
+    albedo, _ = b.albedo_error(theta, tolerance=DATA_ALBEDO_TOLERANCE)
+    near = albedo.max(axis=1) > 1 - 2 * DATA_ALBEDO_TOLERANCE
+    if b._analytic and near.any():
+        albedo[near], _ = b.albedo_error(theta[near], tolerance=2e-5)
+    largest: Float64Array = albedo.max(axis=1)
+    return largest
 
 
 def _first_scaled(factors: Float64Array) -> float | None:

@@ -96,7 +96,7 @@ def test_repair_makes_a_table(run: Run, tmp_path: Path) -> None:
     status, text, err = run("repair", PUBLISHED, "-o", out, "--do", "energy")
     assert (status, text) == (1, "")
     assert "--force" in err
-    status, text, _ = run("repair", PUBLISHED, "-o", out, "--do", "energy", "--force", "--json", *small)
+    status, text, _ = run("repair", PUBLISHED, "-o", out, "--do", "negatives", "--force", "--json", *small)
     found = json.loads(text)
-    assert [e["name"] for e in found["repairs"]] == ["energy"]
+    assert [e["name"] for e in found["repairs"]] == ["negatives"]
     assert found["id"] == bc.open_table(out).id != table.id
