@@ -29,6 +29,8 @@ _GRADED = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 11)])
 _INNER, _INNER_NODES = 8, 8
 #: Panels, in geometric progression, of a ray that begins apart from the mirror direction.
 _APART = 3
+#: A point this close to a side's plane, as a cosine, lies on it: rounding, far below an aperture's size.
+_ON_A_SIDE = 1e-9
 #: Values evaluated at a time: memory stays below 100 MB.
 _CHUNK = 1 << 20
 
@@ -75,7 +77,7 @@ def received(b: Brdf, light: Float64Array, aperture: Rectangle, n_phi: int, n_rh
     theta_i = float(np.arctan2(np.hypot(light[0], light[1]), light[2]))
     turn = -float(np.arctan2(light[1], light[0]))
     normals, corners = (_turned(v, turn) for v in (aperture.planes, aperture.corners))
-    phi, w_phi = _azimuths(theta_i, corners, n_phi)
+    phi, w_phi = _azimuths(theta_i, normals, corners, n_phi)
     row, low, high = _spans(theta_i, np.vstack([normals, [0.0, 0.0, 1.0]]), phi)
     total = np.zeros(len(b.channels))
     if not row.size:
@@ -104,14 +106,54 @@ def _turned(v: Float64Array, angle: float) -> Float64Array:
     return np.stack([c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1], v[:, 2]], axis=1)
 
 
-def _azimuths(theta_i: float, corners: Float64Array, n: int) -> tuple[Float64Array, Float64Array]:
-    """Nodes and weights over the azimuth of the half vector, a whole turn, panels ending at the aperture's corners."""
+def _azimuths(
+    theta_i: float, normals: Float64Array, corners: Float64Array, n: int
+) -> tuple[Float64Array, Float64Array]:
+    """Nodes and weights over the azimuth of the half vector, a whole turn.
+
+    Panels end where a limit of rho has a kink: at the aperture's corners, where it meets the horizon, and where a ray
+    only touches one of its sides.
+    """
     w = np.array([np.sin(theta_i), 0.0, np.cos(theta_i)])
-    half = w + corners / np.linalg.norm(corners, axis=1)[:, None]
-    ends = np.unique(np.arctan2(half[:, 1], half[:, 0]))
+    level = np.cross(normals, [0.0, 0.0, 1.0])
+    level = np.concatenate([level, -level])[np.tile(np.linalg.norm(level, axis=1) > 0, 2)]
+    level = level[(level @ normals.T >= -_ON_A_SIDE).all(axis=1)]
+    outer = np.concatenate([corners[corners[:, 2] >= 0], level])
+    half = w + outer / np.linalg.norm(outer, axis=1)[:, None]
+    ends = np.concatenate([np.arctan2(half[:, 1], half[:, 0]), _touching(theta_i, normals)])
+    ends = np.unique(np.remainder(ends, 2 * np.pi)) if ends.size else np.zeros(1)
     ends = np.concatenate([ends, [ends[0] + 2 * np.pi]])
     edges = ends[:-1, None] + np.diff(ends)[:, None] * _BETWEEN_CORNERS[:-1]
     return composite(np.concatenate([edges.reshape(-1), ends[-1:]]), n)
+
+
+def _touching(theta_i: float, normals: Float64Array) -> Float64Array:
+    """Azimuths at which a ray touches a side of the aperture without crossing it.
+
+    The discriminant of `_spans`' quadratic over 4 is A + B cos(2 phi) + C sin(2 phi), with p = c N_x - s N_z, q = c N_y.
+    """
+    s, c = np.sin(theta_i), np.cos(theta_i)
+    x, y, z = normals.T
+    along = x * s + z * c
+    p, q = c * x - s * z, c * y
+    a = 0.5 * (p * p + q * q) + along * (s * x + 2 * c * z - along)
+    b, d = 0.5 * (p * p - q * q) + along * s * x, p * q + along * s * y
+    size = np.hypot(b, d)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        opening = np.arccos(-a / size)  # nan where the ray of no azimuth touches
+    twice = np.arctan2(d, b) + np.multiply.outer([-1, 1, -1, 1], opening)
+    phi = 0.5 * twice + np.array([0, 0, np.pi, np.pi])[:, None]
+    across, towards = x * np.cos(phi) + y * np.sin(phi), s * np.cos(phi)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rho = -(c * across + towards * z) / (2 * towards * across - along)
+    good = np.isfinite(rho) & (rho > 0)
+    phi, rho = phi[good], rho[good]
+    h = np.stack([rho * np.cos(phi), rho * np.sin(phi), np.ones_like(rho)], axis=1)
+    h /= np.linalg.norm(h, axis=1)[:, None]
+    w = np.array([s, 0.0, c])
+    wo = 2 * (h @ w)[:, None] * h - w
+    kept: Float64Array = phi[(wo @ normals.T >= -_ON_A_SIDE).all(axis=1) & (wo[:, 2] >= 0)]
+    return kept
 
 
 def _spans(
