@@ -130,7 +130,7 @@ def _azimuths(
 def _touching(theta_i: float, normals: Float64Array) -> Float64Array:
     """Azimuths at which a ray touches a side of the aperture without crossing it.
 
-    The discriminant of the quadratic in `_spans`, over 4, is A + B cos(2 phi) + C sin(2 phi); p = c N_x - s N_z, q = c N_y.
+    A quarter of the discriminant in `_spans` is A + B cos(2 phi) + C sin(2 phi), with p = c N_x - s N_z, q = c N_y.
     """
     s, c = np.sin(theta_i), np.cos(theta_i)
     x, y, z = normals.T

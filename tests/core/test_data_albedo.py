@@ -25,9 +25,9 @@ def plain(b: Brdf, theta_i: float, n: int, m: int) -> FloatArray:
 
 
 def test_a_table_of_a_sharp_lobe() -> None:
-    b = bc.tabulate(bc.model("ggx", roughness=0.03, ior=1.5), "angle_grid", shape=(46, 46, 46))
-    for theta_i in np.radians([20.0, 85.0, 89.9]):
-        assert b.albedo(theta_i) == pytest.approx(plain(b, theta_i, 800, 1200), rel=1e-3)
+    b = bc.tabulate(bc.model("ggx", roughness=0.03, ior=1.5), "angle_grid", shape=(31, 31, 31))
+    for theta_i in np.radians([20.0, 89.9]):
+        assert b.albedo(theta_i) == pytest.approx(plain(b, theta_i, 500, 700), rel=1e-3)
 
 
 @needs_shared

@@ -100,7 +100,7 @@ def test_any_aperture_of_a_lambertian(light: float, aside: float) -> None:
     along=st.floats(0.01, 0.5),
     across=st.floats(0.01, 0.5),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_apertures_anywhere(light: float, aside: float, centre: float, along: float, across: float) -> None:
     """Every light, every rectangle above the horizon: Lambert's closed form."""
     wi = np.array([np.sin(light) * np.cos(aside), np.sin(light) * np.sin(aside), np.cos(light)])
@@ -164,7 +164,7 @@ def test_a_lobe_far_narrower_than_the_receptor(geometry: Geometry) -> None:
     assert found.error[0] <= 0.005
 
 
-@pytest.mark.parametrize("roughness", [1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize("roughness", [1e-6, 1e-4])
 def test_lobes_become_a_mirror(roughness: float) -> None:
     """The flux that a mirror's image would bring, less a tail of the order of the squared roughness."""
     b = bc.model("cook_torrance", roughness=roughness, ior=1.5168, distribution="beckmann")
@@ -208,12 +208,12 @@ def test_haze() -> None:
         100 * received(b, np.array([np.sin(t), 0, np.cos(t)]), Rectangle(t + o, *np.radians((1.8, 5.5))), 24, 24)[0][0]
         for t, o in ((np.radians(20.0), np.radians(1.9)), (np.radians(20.0), -np.radians(1.9)))
     )
-    collimated = gloss(b, geometries=COLLIMATED, haze=replace(HAZE, source=(0.0, 0.0))).haze["astm_e430"]
+    collimated = gloss(b, geometries=COLLIMATED[:1], haze=replace(HAZE, source=(0.0, 0.0))).haze["astm_e430"]
     assert collimated["values"][0] == pytest.approx(brute / found.gloss["20"].reference, abs=2e-3)
     assert beside["values"][0] > 5
-    sharper = gloss(bc.model("ggx", roughness=0.001, ior=1.5)).haze["astm_e430"]["values"][0]
+    sharper = gloss(bc.model("ggx", roughness=0.001, ior=1.5), geometries=GLOSS[:1]).haze["astm_e430"]["values"][0]
     assert sharper < 1
-    assert gloss(bc.model("mirror", ior=1.5)).haze["astm_e430"]["values"] == [0.0]
+    assert gloss(bc.model("mirror", ior=1.5), geometries=GLOSS[:1]).haze["astm_e430"]["values"] == [0.0]
 
 
 def test_haze_needs_its_angle() -> None:
@@ -237,17 +237,17 @@ def test_a_mirror_part_counts_as_far_as_its_image_is_seen() -> None:
 
 def test_channels_and_luminance() -> None:
     rgb = bc.model("lambert", reflectance=[0.8, 0.4, 0.2])
-    found = gloss(rgb, haze=None, tolerance=1e-3)
-    white = values_of(gloss(bc.model("lambert", reflectance=1.0), haze=None, tolerance=1e-3))
+    found = gloss(rgb, geometries=COLLIMATED, haze=None)
+    white = values_of(gloss(bc.model("lambert", reflectance=1.0), geometries=COLLIMATED, haze=None))
     for reading, one in zip(found.gloss.values(), white):
         assert reading.values == pytest.approx([0.8 * one, 0.4 * one, 0.2 * one])
         assert reading.luminance == pytest.approx((0.2126 * 0.8 + 0.7152 * 0.4 + 0.0722 * 0.2) * one)
     names = Channels(("one", "two"))
-    unknown = gloss(Of(lambda i, o, d: np.ones((i.size, 2)), names), haze=None)
+    unknown = gloss(Of(lambda i, o, d: np.ones((i.size, 2)), names), geometries=COLLIMATED, haze=None)
     assert unknown.gloss["20"].luminance is None
     assert "no known luminance" in unknown.luminance_of
     nm = Channels([float(x) for x in np.linspace(360, 1000, 65)])
-    flat = gloss(Of(lambda i, o, d: np.full((i.size, 65), 0.3 / np.pi), nm), haze=None)
+    flat = gloss(Of(lambda i, o, d: np.full((i.size, 65), 0.3 / np.pi), nm), geometries=COLLIMATED, haze=None)
     assert flat.gloss["60"].luminance == pytest.approx(flat.gloss["60"].values[0])
     json.dumps([unknown.to_json(), flat.to_json()], allow_nan=False)
 
