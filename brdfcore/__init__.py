@@ -24,6 +24,9 @@ _PUBLIC = {
     "Status": "brdfcore.status",
     "Table": "brdfcore.tables.base",
     "compare": "brdfcore.metrics",
+    "check": "brdfcore.analysis.checks",
+    "gloss": "brdfcore.analysis.gloss",
+    "repair": "brdfcore.analysis.repair",
     "model": "brdfcore.catalogue",
     "models": None,  # a package that is callable: brdfcore.models()
     "representations": "brdfcore.catalogue",
@@ -41,6 +44,9 @@ _PUBLIC = {
 
 if TYPE_CHECKING:  # the same names for type checkers, which would see Any through __getattr__
     from brdfcore import plot as plot
+    from brdfcore.analysis.checks import check as check
+    from brdfcore.analysis.gloss import gloss as gloss
+    from brdfcore.analysis.repair import repair as repair
     from brdfcore.brdf import Brdf as Brdf
     from brdfcore.brdf import Channels as Channels
     from brdfcore.build import tabulate as tabulate

@@ -199,6 +199,15 @@ def _defect(f: FloatArray, g: FloatArray) -> float:
     return float(np.abs(f - g).sum()) / total if total > 0 else 0.0
 
 
+def _conserves(brdf: Brdf) -> bool:
+    """Whether no albedo at `BIAS_ANGLES` passes 1: one pass over all, refined where that leaves a doubt."""
+    theta = np.radians(BIAS_ANGLES)
+    rough, _ = brdf.albedo_error(theta, tolerance=np.inf)
+    # one pass over a measured material was found .0145 off at worst
+    near = (rough > 0.9).any(axis=1)
+    return bool((rough <= 1.1).all() and (brdf.albedo(theta[near]) <= 1 + ALBEDO_SLACK).all())
+
+
 def measured_flags(brdf: Brdf, *, pairs: int = 4_096, seed: int = 1) -> dict[str, bool]:
     """bilateral, reciprocal, energy_conserving and non_negative as found on `pairs` seeded pairs.
 
@@ -214,6 +223,6 @@ def measured_flags(brdf: Brdf, *, pairs: int = 4_096, seed: int = 1) -> dict[str
     return {
         "bilateral": bilateral_defect(brdf, pairs=pairs, seed=seed) <= FLAG_DEFECT,
         "reciprocal": reciprocity_defect(brdf, pairs=pairs, seed=seed) <= FLAG_DEFECT,
-        "energy_conserving": bool((brdf.albedo(np.radians(BIAS_ANGLES)) <= 1 + ALBEDO_SLACK).all()),
+        "energy_conserving": _conserves(brdf),
         "non_negative": smallest >= 0,
     }

@@ -85,9 +85,11 @@ def integrate_hemisphere(
         value, error = sides * values.sum(axis=0), sides * errors.sum(axis=(0, 2))
         allowed = tolerance * np.maximum(1.0, np.abs(value))
         affordable = (budget - spent) // (2 * points * per_panel)
-        if (error <= allowed).all() or affordable < 1:
+        # written so that a channel that is not finite is left as it is
+        if not (error > allowed).any() or affordable < 1:
             return value, error + 4 * np.finfo(np.float64).eps * np.abs(value)
-        share = (sides * errors / allowed[:, None]).max(axis=1)  # of the worst channel, for each axis
+        share = sides * errors / allowed[:, None]
+        share = np.where(np.isfinite(share), share, 0.0).max(axis=1)  # of the worst channel, for each axis
         worst = np.argsort(-share.sum(axis=1))
         # leave alone the many small ones that together are half of what is allowed
         rest = np.cumsum(share.sum(axis=1)[worst][::-1])[::-1]

@@ -1,9 +1,9 @@
 """The console script `brdf`: runs a command and turns every failure into a line and an exit code.
 
 Exit codes: 0 done; 1 a file, the machine or the installation stands in the way; 2 the command line or its input is
-wrong; 130 interrupted; 141 the reader of a pipe has gone. A failure is written to stderr as "error: ..."; with
---json as {"error": {"code": ..., "detail": ..., "context": ...}}, so that stdout holds results only. `--debug`,
-anywhere on the line, shows the traceback.
+wrong; 3 a check failed (`brdf check`); 130 interrupted; 141 the reader of a pipe has gone. A failure is written to
+stderr as "error: ..."; with --json as {"error": {"code": ..., "detail": ..., "context": ...}}, so that stdout holds
+results only. `--debug`, anywhere on the line, shows the traceback.
 """
 
 from __future__ import annotations

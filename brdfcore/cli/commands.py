@@ -14,7 +14,7 @@ import typer
 import brdfcore
 from brdfcore.atomic import replacing
 from brdfcore.brdf import Brdf
-from brdfcore.cli import arguments, make
+from brdfcore.cli import arguments, check, gloss, make, repair
 from brdfcore.cli.output import as_json, error_lines, facts, line, parameter_lines
 from brdfcore.conventions import ANGLE_NAMES, broadcast_shape
 from brdfcore.errors import InputError
@@ -68,8 +68,8 @@ def _version(wanted: bool) -> None:
 Angles are degrees unless --angles rad is given. f_r is in 1/sr, without the cosine; the mirror direction is
 theta_o = theta_i, delta_phi = 180.
 
-Exit codes: 0 done, 1 a file or the machine is in the way, 2 wrong command line or input, 130 interrupted. Errors go to
-stderr; with --json as {{"error": {{"code", "detail", "context"}}}}.
+Exit codes: 0 done, 1 a file or the machine is in the way, 2 wrong command line or input, 3 a check failed (brdf
+check), 130 interrupted. Errors go to stderr; with --json as {{"error": {{"code", "detail", "context"}}}}.
 
 \b
 Examples:
@@ -340,3 +340,6 @@ def _picture(
 
 
 make.add_to(app)
+check.add_to(app)
+gloss.add_to(app)
+repair.add_to(app)

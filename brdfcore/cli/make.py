@@ -52,7 +52,7 @@ def tabulate(
     from brdfcore.build import ToleranceWarning
     from brdfcore.build import tabulate as build
 
-    _may_write(out, force)
+    may_write(out, force)
     nodes = None if shape is None else arguments.whole_numbers("--shape", shape)
     limit = None if max_bytes is None else arguments.byte_count("--max-bytes", max_bytes)
     folds = None if fold is None else [part.strip() for part in fold.split(",")]
@@ -110,7 +110,7 @@ def convert(
     from brdfcore import io
     from brdfcore.metrics import compare
 
-    _may_write(target, force)
+    may_write(target, force)
     b = arguments.load(source)
     io.write(b, target, format)
     again = io.read(target, format)
@@ -261,7 +261,7 @@ def _bytes(flag: str, text: str | None) -> int | None:
     return None if text is None else arguments.byte_count(flag, text)
 
 
-def _may_write(path: Path, force: bool) -> None:
+def may_write(path: Path, force: bool) -> None:
     """Refuse before the work what would fail, or destroy something, after it."""
     if path.is_dir():
         raise StorageError("cannot_write", f"{path}: is a folder; name a file in it", where=str(path))

@@ -99,6 +99,16 @@ class AsyncMaterial(Described):
         found = await self._run(exchanges.reflectances(self.id, name, thetas, len(self.channels)))
         return np.asarray(found).reshape(shape)
 
+    async def checks(self) -> dict[str, Any]:
+        """What `bc.check` finds, computed by the service, as its JSON (`verdict`, `findings`); angles in radians."""
+        found: dict[str, Any] = await self._run(exchanges.analysis(self.id, "checks", {"angles": "rad"}))
+        return found
+
+    async def gloss(self) -> dict[str, Any]:
+        """What `bc.gloss` reads, computed by the service, as its JSON: `gloss` by angle, `haze`, in gloss units."""
+        found: dict[str, Any] = await self._run(exchanges.analysis(self.id, "gloss"))
+        return found
+
     @overload
     async def slice(
         self, theta_i: npt.ArrayLike, *, view: View = ..., format: Literal["json"] = ..., channel: Channel = ...

@@ -162,6 +162,15 @@ def slice(id: str, theta_i: npt.ArrayLike, format: str, **looks: Any) -> Exchang
     return answer.json() if format == "json" else answer.content
 
 
+def analysis(id: str, name: str, query: Mapping[str, Any] | None = None) -> Exchange[dict[str, Any]]:
+    """What the service says of a material under `name`: "checks" or "gloss"."""
+    answer: Answer = yield calls.get("tables", id, name, query=query)
+    found = answer.json()
+    if not isinstance(found, dict):
+        raise calls.unexpected(answer, f"the {name} of a material")
+    return found
+
+
 def plain(value: Any) -> Any:
     """`value` as JSON takes it: numpy's numbers and arrays become Python's, complex ones a refractive index."""
     if isinstance(value, Mapping):

@@ -81,15 +81,26 @@ class RemoteBrdf(Described, Brdf):
         return np.asarray(values)
 
     def _albedo(
-        self, theta_i: npt.ArrayLike, points: int, azimuths: int, tolerance: float, budget: int
+        self, theta_i: npt.ArrayLike, points: int, azimuths: int, tolerance: float | None, budget: int
     ) -> tuple[FloatArray, FloatArray]:
-        if budget or (points, azimuths) != (12, 64):  # another integral than the service does: of the values it gives
+        # another integral than the service does is one of the values it gives
+        if tolerance is not None or (points, azimuths) != (12, 64):
             return super()._albedo(theta_i, points, azimuths, tolerance, budget)
         angles = conventions.check_domain(conventions.flatten_angles(theta_i, 0.0, 0.0))
         thetas = np.minimum(angles.theta_i.astype(np.float64), conventions.HALF_PI)
         flat = self._run(exchanges.reflectances(self.id, "values", thetas, len(self.channels)))
         values = np.asarray(flat).reshape((*angles.shape, len(self.channels)))
         return values, np.full_like(values, np.nan)
+
+    def checks(self) -> dict[str, Any]:
+        """What `bc.check` finds, computed by the service, as its JSON (`verdict`, `findings`); angles in radians."""
+        found: dict[str, Any] = self._run(exchanges.analysis(self.id, "checks", {"angles": "rad"}))
+        return found
+
+    def gloss(self) -> dict[str, Any]:
+        """What `bc.gloss` reads, computed by the service, as its JSON: `gloss` by angle, `haze`, in gloss units."""
+        found: dict[str, Any] = self._run(exchanges.analysis(self.id, "gloss"))
+        return found
 
     @overload
     def slice(

@@ -140,7 +140,7 @@ class Model(Brdf):
             out[...] = values
 
     def _albedo(
-        self, theta_i: npt.ArrayLike, points: int, azimuths: int, tolerance: float, budget: int
+        self, theta_i: npt.ArrayLike, points: int, azimuths: int, tolerance: float | None, budget: int
     ) -> tuple[FloatArray, FloatArray]:
         if not self._fast:
             return super()._albedo(theta_i, points, azimuths, tolerance, budget)
