@@ -96,7 +96,7 @@ GLOSS = (
     Geometry("85", 85.0, receptor=(4.0, 6.0)),
 )
 #: ASTM E430 method B, ISO 13803: two receptors, centred 1.9 degrees to either side of the 20 degree mirror direction.
-#: Taken from instrument data sheets (17.2 to 19.0 and 21.0 to 22.8 degrees), the width across from memory.
+#: From memory, as is the width across: no source was at hand. Consistent with 17.2 to 19.0 and 21.0 to 22.8 degrees.
 HAZE = Geometry("haze 20", 20.0, receptor=(1.8, 5.5), offsets=(-1.9, 1.9))
 
 
