@@ -31,12 +31,22 @@ def test_no_direction_of_the_error_is_a_node() -> None:
         assert (off > 1e-9).all()
 
 
-def test_tolerance_picks_the_smallest_that_meets_it() -> None:
-    loose, tight = bc.tabulate(gold(0.3), tolerance=0.02), bc.tabulate(gold(0.3), tolerance=0.0007)
+def test_tolerance_picks_the_fastest_that_meets_it() -> None:
+    """A plain grid while it fits into the caches; what needs one of many megabytes is faster in half/difference."""
+    loose, sharp = bc.tabulate(gold(0.3), tolerance=0.02), bc.tabulate(gold(0.05), tolerance=0.01)
     assert loose.error["l1"] <= 0.02
+    assert loose.name == "angle_grid"
+    assert loose.error["tolerance"] == 0.02
+    assert sharp.error["l1"] <= 0.01
+    assert sharp.name == "half_difference"
+    assert sharp.nbytes < 1_000_000
+
+
+def test_a_tighter_tolerance_takes_more_nodes() -> None:
+    loose, tight = (bc.tabulate(gold(0.3), "half_difference", tolerance=t) for t in (0.005, 0.0007))
+    assert loose.error["l1"] <= 0.005
     assert tight.error["l1"] <= 0.0007
     assert loose.nbytes < tight.nbytes
-    assert loose.error["tolerance"] == 0.02
 
 
 def test_a_tolerance_that_is_not_met_is_said() -> None:
