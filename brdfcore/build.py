@@ -250,7 +250,9 @@ def _complaints(error: dict[str, Any]) -> list[str]:
 def _advised(table: Table, source: Brdf, tried: Sequence[str]) -> Table:
     """`table`, with what else to try among its warnings if it misplaces too much."""
     if _l1(table) > BAD_L1:
-        untried: dict[str, type[Table]] = {name: REPRESENTATIONS.load(name) for name in REPRESENTATIONS if name not in tried}
+        untried: dict[str, type[Table]] = {
+            name: REPRESENTATIONS.load(name) for name in REPRESENTATIONS if name not in tried
+        }
         others = [name for name, cls in untried.items() if cls.FOR_AUTO and cls.can_hold(source)]
         named = f"representation {' or '.join(others)}, or " if others else ""
         table.error["warnings"].append(f"try {named}more nodes: a larger shape or max_bytes")

@@ -30,7 +30,7 @@ class Format(ABC):
     #: Options of `read`.
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
     writable: ClassVar[bool] = False
-    #: Whether what it writes reads to the same answers; False for a layout that samples anew what is not of that layout.
+    #: Whether what it writes reads to the same answers; False for a layout that samples anew.
     #: Either way, a file that was read and is written again has the same answers.
     exact: ClassVar[bool] = True
 

@@ -45,8 +45,8 @@ _CONVENTIONS = {
     "value": "f_r in 1/sr is the number times 1/1500 (red), 1.15/1500 (green), 1.66/1500 (blue)",
     "theta_h": "cell i of n covers 90 (i/n)^2 to 90 ((i+1)/n)^2 degrees",
     "theta_d": "n equal cells over 0 to 90 degrees, between either direction and the half vector",
-    "phi_d": "n equal cells over 0 to 180 degrees, azimuth of wi about the half vector; phi_d + 180 degrees exchanges the "
-    "directions and is the same cell",
+    "phi_d": "n equal cells over 0 to 180 degrees, azimuth of wi about the half vector; phi_d + 180 degrees exchanges "
+    "the directions and is the same cell",
     "invalid": "a cell that is negative in any plane has no value",
 }
 _PLACES = {
@@ -59,16 +59,16 @@ class MerlFormat(Format):
     """The MERL database's binary files; other numbers of cells are read too, with a warning.
 
     Read into a `HalfAngleGrid`: float32, where the file has float64 (6e-8 relative, far below the measurement's noise,
-    for half the memory a look-up goes through). Written from any BRDF with one channel or R, G, B: a `HalfAngleGrid` with
-    the cells it has, anything else in the middle of the database's 90 x 90 x 180 cells; cells whose middle is below the
-    horizon are -1. What the layout can't hold is said in a `LossWarning`.
+    for half the memory a look-up touches). Written from any BRDF with one channel or R, G, B: a `HalfAngleGrid`
+    with the cells it has, anything else in the middle of the database's 90 x 90 x 180 cells; cells whose middle is
+    below the horizon are -1. What the layout can't hold is said in a `LossWarning`.
     """
 
     name = "merl"
     SUMMARY = "MERL database, isotropic RGB lattice of half and difference angles"
     REFERENCE = (
-        "W. Matusik, H. Pfister, M. Brand, L. McMillan, A data-driven reflectance model, ACM Trans. Graph. 22(3), 2003, "
-        "DOI 10.1145/882262.882343"
+        "W. Matusik, H. Pfister, M. Brand, L. McMillan, A data-driven reflectance model, ACM Trans. Graph. 22(3), "
+        "2003, DOI 10.1145/882262.882343"
     )
     EXTENSIONS = (".binary",)
     PARAMETERS = (
@@ -149,7 +149,9 @@ def _dimensions(file: BinaryIO, name: str) -> tuple[int, int, int]:
     """Numbers of cells, held to the size of the file before anything is allocated."""
     head = file.read(_HEADER.size)
     if len(head) < _HEADER.size:
-        raise _damaged(name, "dimensions", len(head), "the file ends inside the header", f"{len(head)} bytes", "12 bytes")
+        raise _damaged(
+            name, "dimensions", len(head), "the file ends inside the header", f"{len(head)} bytes", "12 bytes"
+        )
     shape = _HEADER.unpack(head)
     for k, (axis, n) in enumerate(zip(("theta_h", "theta_d", "phi_d"), shape)):
         if not 2 <= n <= _MOST_CELLS:
@@ -204,7 +206,9 @@ def _read(file: BinaryIO, name: str, chosen: dict[str, Any]) -> HalfAngleGrid:
     valid = (bad == 0).reshape(shape)
     invalid = int(cells - valid.sum())
     if invalid == cells:
-        raise _damaged(name, "red plane", _HEADER.size, "no cell is valid", f"{cells} with a negative number", "valid cells")
+        raise _damaged(
+            name, "red plane", _HEADER.size, "no cell is valid", f"{cells} with a negative number", "valid cells"
+        )
     lattice = values.reshape(*shape, len(PLANES))
     done = ["numbers scaled by 1/1500, 1.15/1500, 1.66/1500 and rounded to float32 (6e-8 relative)"]
     if invalid and chosen["invalid"] == "zero":
@@ -213,7 +217,7 @@ def _read(file: BinaryIO, name: str, chosen: dict[str, Any]) -> HalfAngleGrid:
     elif invalid:
         continued(lattice, valid)
         done.append(
-            f"{invalid} invalid cells continued: the next valid value at a lower theta_h, else a higher one, else theta_d"
+            f"{invalid} invalid cells continued: next valid value at a lower theta_h, else a higher one, else theta_d"
         )
     unknown = {"reciprocal": True, "bilateral": False, "energy_conserving": False, "non_negative": True}
     table = HalfAngleGrid(
@@ -229,7 +233,9 @@ def _read(file: BinaryIO, name: str, chosen: dict[str, Any]) -> HalfAngleGrid:
         said.append(f"{named} cells, not the database's 90 x 90 x 180: most other readers refuse such a file")
     some = int((bad.reshape(shape)[~valid] < len(PLANES)).sum())
     if some:
-        said.append(f"{some} of the invalid cells are negative in one or two planes only; the others were not used either")
+        said.append(
+            f"{some} of the invalid cells are negative in one or two planes only; the others were not used either"
+        )
     table.source = {"name": name, "format": "merl", "sha256": digest.hexdigest()}
     table.report = {
         "format": "merl",
@@ -261,8 +267,8 @@ def _losses(brdf: Brdf) -> Iterator[str]:
     """What of `brdf` a MERL file can't hold, a sentence each."""
     if not brdf.reciprocal:
         yield (
-            f"the material is not reciprocal (L1 defect {reciprocity_defect(brdf):.3g}): the file keeps the mean over both "
-            "orders of the directions"
+            f"the material is not reciprocal (L1 defect {reciprocity_defect(brdf):.3g}): the file keeps the mean over "
+            "both orders of the directions"
         )
     if brdf.has_delta:
         most = float(brdf.delta_reflectance(np.linspace(0, np.pi / 2, 91)).max())

@@ -12,14 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.conventions import FloatArray
-from brdfcore.kernels.interpolation import tricubic, tricubic_numpy
+from brdfcore.kernels.interpolation import CUBIC_BLOCK, tricubic, tricubic_numpy
 from brdfcore.kernels.jit import inline, kernel, prange
 from brdfcore.kernels.trilinear import GridScale, _place
 from brdfcore.kernels.vectorised import count_unless, load, store
 
 _HALF = np.float32(0.5)
-#: Points a block: counted in int32, long enough that the blocks cost nothing.
-_BLOCK = 2_048
 
 
 @inline
@@ -114,54 +112,23 @@ def _axes(theta_i, theta_o, delta_phi, scale, step_i, step_o, bilateral, channel
 
 
 @kernel
-def cubic_one(theta_i, theta_o, delta_phi, table, out, scale, step_i, step_o, bilateral):
-    """One channel; out (n,)."""
-    number = out.dtype.type
-    outside = np.int64(0)
-    for block in prange((theta_i.size + _BLOCK - 1) // _BLOCK):
-        bad = np.int32(0)
-        for k in range(block * _BLOCK, min(theta_i.size, block * _BLOCK + _BLOCK)):
-            inside, x, y, z = _axes(
-                load(theta_i, k), load(theta_o, k), load(delta_phi, k), scale, step_i, step_o, bilateral, 1
-            )
-            bad = count_unless(bad, inside)
-            store(out, k, tricubic(table, np.int32(0), x, y, z, number))
-        outside += bad
-    return outside
-
-
-@kernel
-def cubic_three(theta_i, theta_o, delta_phi, table, out, scale, step_i, step_o, bilateral):
-    """Three channels side by side; out (3 n,)."""
-    number = out.dtype.type
-    outside = np.int64(0)
-    for block in prange((theta_i.size + _BLOCK - 1) // _BLOCK):
-        bad = np.int32(0)
-        for k in range(block * _BLOCK, min(theta_i.size, block * _BLOCK + _BLOCK)):
-            inside, x, y, z = _axes(
-                load(theta_i, k), load(theta_o, k), load(delta_phi, k), scale, step_i, step_o, bilateral, 3
-            )
-            bad = count_unless(bad, inside)
-            store(out, 3 * k, tricubic(table, np.int32(0), x, y, z, number))
-            store(out, 3 * k + 1, tricubic(table, np.int32(1), x, y, z, number))
-            store(out, 3 * k + 2, tricubic(table, np.int32(2), x, y, z, number))
-        outside += bad
-    return outside
-
-
-@kernel
-def cubic_many(theta_i, theta_o, delta_phi, table, out, scale, step_i, step_o, bilateral):
+def cubic(theta_i, theta_o, delta_phi, table, out, scale, step_i, step_o, bilateral):
     """Any number of channels side by side; out (n channels,)."""
     number = out.dtype.type
-    channels = out.size // max(theta_i.size, 1)
+    channels = np.int32(out.size // max(theta_i.size, 1))
     outside = np.int64(0)
-    for k in prange(theta_i.size):
-        inside, x, y, z = _axes(
-            load(theta_i, k), load(theta_o, k), load(delta_phi, k), scale, step_i, step_o, bilateral, channels
-        )
-        outside += np.int64(0) if inside else np.int64(1)
-        for s in range(channels):
-            store(out, k * channels + s, tricubic(table, np.int32(s), x, y, z, number))
+    for block in prange((theta_i.size + CUBIC_BLOCK - 1) // CUBIC_BLOCK):
+        bad = np.int32(0)
+        # one channel after the other: placing again costs a tenth of the rest, which stays in vectors this way
+        for c in range(channels):
+            bad = np.int32(0)
+            for k in range(block * CUBIC_BLOCK, min(theta_i.size, block * CUBIC_BLOCK + CUBIC_BLOCK)):
+                inside, x, y, z = _axes(
+                    load(theta_i, k), load(theta_o, k), load(delta_phi, k), scale, step_i, step_o, bilateral, channels
+                )
+                bad = count_unless(bad, inside)
+                store(out, k * channels + c, tricubic(table, np.int32(c), x, y, z, number))
+        outside += bad
     return outside
 
 
@@ -226,7 +193,11 @@ def placed_numpy(
     else:
         c = c - scale.turn * np.floor(c / scale.turn)
     cells, parts = [], []
-    for angle, per, last in ((a, scale.per_i, scale.last_i), (b, scale.per_o, scale.last_o), (c, scale.per_d, scale.last_d)):
+    for angle, per, last in (
+        (a, scale.per_i, scale.last_i),
+        (b, scale.per_o, scale.last_o),
+        (c, scale.per_d, scale.last_d),
+    ):
         position = np.minimum(angle * per, last)
         cell = np.clip(position.astype(np.int64), 0, int(last) - 1)
         cells.append(cell)

@@ -1,18 +1,19 @@
 """Look-ups in a plain lattice over the half and difference angles: nearest cell, linear, monotone cubic.
 
 Coordinates (S. Rusinkiewicz, "A new change of variables for efficient BRDF representation", EGWR 1998, DOI
-10.1007/978-3-7091-6453-2_2), with A = (theta_i + theta_o)/2, B = (theta_i - theta_o)/2, S = cos A cos B; no term cancels:
+10.1007/978-3-7091-6453-2_2), with A = (theta_i + theta_o)/2, B = (theta_i - theta_o)/2 and S = cos A cos B, so that
+no term cancels:
 
     theta_h = atan t,              t^2 = tan^2 B + s_i s_o cos^2(delta_phi/2) / S^2
     theta_d = 2 atan(sin theta_d / (1 + cos theta_d)),  sin^2 theta_d = sin^2 B + s_i s_o sin^2(delta_phi/2),
                                                         cos theta_d = S sqrt(1 + t^2)
-    phi_d   = atan2(-s_i s_o sin delta_phi, 2 sin A sin B cos theta_d)  modulo pi, the azimuth of wi about the half vector
+    phi_d   = atan2(-s_i s_o sin delta_phi, 2 sin A sin B cos theta_d) modulo pi: wi about the half vector
 
 Exchanging the directions adds pi to phi_d, so one half turn holds a reciprocal BRDF. Where theta_h or theta_d is 0
 phi_d has no meaning and is 0.
 
 The lattice: cell i of theta_h covers (pi/2)(i/n_h)^2 ... (pi/2)((i+1)/n_h)^2, cells of theta_d over [0, pi/2] and of
-phi_d over [0, pi) are equal. A value belongs to the point at `shift` of its cell: 1/2, the middle, or 0, its lower edge.
+phi_d over [0, pi) are equal. A value belongs to a point of its cell, `shift`: 1/2, its middle, or 0, its lower edge.
 The index of a direction is its coordinate in cells, less the shift; theta_h and theta_d below the first and above the
 last node take that node, phi_d is periodic.
 
@@ -28,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.conventions import DELTA_PHI_DIRECT, HALF_PI, FloatArray
-from brdfcore.kernels.interpolation import tricubic, tricubic_numpy
+from brdfcore.kernels.interpolation import CUBIC_BLOCK, tricubic, tricubic_numpy
 from brdfcore.kernels.jit import inline, kernel, prange
 from brdfcore.kernels.pair_geometry import HORIZON_COS
 from brdfcore.kernels.vectorised import atan, count_unless, load, sin, store
@@ -123,7 +124,8 @@ def _indices(theta_i, theta_o, delta_phi, s):
     d = s.two * atan(np.sqrt(sin2_d) / (one + cos_d)) * s.per_d - s.shift
     # both carry the factor 2 sin theta_h sin theta_d
     up = s.two * product * (sin_half * cos_half)
-    up = up if up > zero else zero
+    past = up < zero  # float32's pi is past pi
+    up = abs(up)
     along = s.two * sin_a * sin_b * cos_d
     size = abs(along)
     high = up > size
@@ -133,7 +135,7 @@ def _indices(theta_i, theta_o, delta_phi, s):
     angle = s.half_pi - angle if high else angle
     angle = s.pi - angle if along < zero else angle
     # sin(delta_phi) < 0; past half a turn its sign turns, past a whole one again
-    backward = ((c < zero) ^ over) ^ (abs(c) > s.turn)
+    backward = (((c < zero) ^ over) ^ (abs(c) > s.turn)) ^ past
     angle = angle if backward else s.pi - angle
     p = angle * s.per_p - s.shift
 
@@ -337,48 +339,23 @@ def _periodic(k, t, n, step):
 
 
 @kernel
-def cubic_one(theta_i, theta_o, delta_phi, table, out, s, step_h, step_d):
-    """One channel; out (n,)."""
-    number = out.dtype.type
-    outside = np.int64(0)
-    for block in prange((theta_i.size + _BLOCK - 1) // _BLOCK):
-        bad = np.int32(0)
-        for k in range(block * _BLOCK, min(theta_i.size, block * _BLOCK + _BLOCK)):
-            inside, x, y, z = _axes(load(theta_i, k), load(theta_o, k), load(delta_phi, k), s, step_h, step_d, 1)
-            bad = count_unless(bad, inside)
-            store(out, k, tricubic(table, np.int32(0), x, y, z, number))
-        outside += bad
-    return outside
-
-
-@kernel
-def cubic_three(theta_i, theta_o, delta_phi, table, out, s, step_h, step_d):
-    """Three channels side by side; out (3 n,)."""
-    number = out.dtype.type
-    outside = np.int64(0)
-    for block in prange((theta_i.size + _BLOCK - 1) // _BLOCK):
-        bad = np.int32(0)
-        for k in range(block * _BLOCK, min(theta_i.size, block * _BLOCK + _BLOCK)):
-            inside, x, y, z = _axes(load(theta_i, k), load(theta_o, k), load(delta_phi, k), s, step_h, step_d, 3)
-            bad = count_unless(bad, inside)
-            store(out, 3 * k, tricubic(table, np.int32(0), x, y, z, number))
-            store(out, 3 * k + 1, tricubic(table, np.int32(1), x, y, z, number))
-            store(out, 3 * k + 2, tricubic(table, np.int32(2), x, y, z, number))
-        outside += bad
-    return outside
-
-
-@kernel
-def cubic_many(theta_i, theta_o, delta_phi, table, out, s, step_h, step_d):
+def cubic(theta_i, theta_o, delta_phi, table, out, s, step_h, step_d):
     """Any number of channels side by side; out (n channels,)."""
     number = out.dtype.type
-    channels = out.size // max(theta_i.size, 1)
+    channels = np.int32(out.size // max(theta_i.size, 1))
     outside = np.int64(0)
-    for k in prange(theta_i.size):
-        inside, x, y, z = _axes(load(theta_i, k), load(theta_o, k), load(delta_phi, k), s, step_h, step_d, channels)
-        outside += np.int64(0) if inside else np.int64(1)
+    for block in prange((theta_i.size + CUBIC_BLOCK - 1) // CUBIC_BLOCK):
+        bad = np.int32(0)
+        # one channel after the other: placing again costs a tenth of the rest, which stays in vectors this way
         for c in range(channels):
-            store(out, k * channels + c, tricubic(table, np.int32(c), x, y, z, number))
+            bad = np.int32(0)
+            for k in range(block * CUBIC_BLOCK, min(theta_i.size, block * CUBIC_BLOCK + CUBIC_BLOCK)):
+                inside, x, y, z = _axes(
+                    load(theta_i, k), load(theta_o, k), load(delta_phi, k), s, step_h, step_d, channels
+                )
+                bad = count_unless(bad, inside)
+                store(out, k * channels + c, tricubic(table, np.int32(c), x, y, z, number))
+        outside += bad
     return outside
 
 

@@ -7,10 +7,11 @@ have opposite signs (F. N. Fritsch, R. E. Carlson, "Monotone piecewise cubic int
 Third order where the nodes are monotone.
 
 Over three axes the rule is applied to one axis after the other. Each step answers with a value between two of the
-values it is given, those of the two nodes around the point; so by induction the result lies between the smallest and the
-largest of the eight nodes of the cell: no overshoot, and nothing negative from nodes that are not. The limiter is not
-linear, so the order of the axes matters a little; the mean of both orders of the first two is taken, which keeps a table
-that is symmetric in them symmetric.
+values it is given, those of the two nodes around the point; so by induction the result lies between the smallest and
+the largest of the eight nodes of the cell: no overshoot, and nothing negative from nodes that are not. The limiter is
+not linear, so the order of the axes matters a little; the mean of both orders of the first two is taken, which keeps a
+table that is symmetric in them symmetric. Along lines of nodes the result has a continuous derivative; between them it
+is continuous, with a bend where a limiter begins to act.
 
 An axis is a tuple (k0, k1, k2, k3, t, first, last): the offsets of four neighbouring nodes, position t in [0, 1]
 between k1 and k2, and whether the axis ends there: `first`, no node before k1, and the slope is that of the first
@@ -26,6 +27,9 @@ import numpy as np
 from brdfcore.kernels.elementary import elementwise, select
 from brdfcore.kernels.jit import inline
 from brdfcore.kernels.vectorised import load
+
+#: Points of a block that a cubic kernel goes over once a channel: the nodes of a block stay in the second cache.
+CUBIC_BLOCK = 256
 
 
 @elementwise
@@ -117,9 +121,7 @@ def tricubic_numpy(table, x, y, z, number):
         first, last = (np.asarray(flag)[..., None] for flag in (first, last))
         return hermite(*four, t[:, None], first, last, half, three)
 
-    lines = [
-        [along([table[i + j + k].astype(number) for k in z_at], w, z_first, z_last) for j in y_at] for i in x_at
-    ]
+    lines = [[along([table[i + j + k].astype(number) for k in z_at], w, z_first, z_last) for j in y_at] for i in x_at]
     one = along([along(row, v, y_first, y_last) for row in lines], u, x_first, x_last)
     other = along([along(column, u, x_first, x_last) for column in zip(*lines)], v, y_first, y_last)
     return half * (one + other)

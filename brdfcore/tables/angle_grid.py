@@ -95,15 +95,14 @@ class AngleGrid(SampledTable):
 
     @cached_property
     def _kernel(self) -> Any:
+        from brdfcore.kernels import angle_lattice, trilinear
+
+        if self.interpolation == "monotone_cubic":
+            return angle_lattice.cubic
         count = {1: "one", 3: "three"}.get(len(self.channels), "many")
         if self.interpolation == "linear":
-            from brdfcore.kernels import trilinear
-
             return getattr(trilinear, f"trilinear_{count}")
-        from brdfcore.kernels import angle_lattice
-
-        kind = "nearest" if self.interpolation == "nearest" else "cubic"
-        return getattr(angle_lattice, f"{kind}_{count}")
+        return getattr(angle_lattice, f"nearest_{count}")
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
         scale = self._scales[theta_i.dtype]
@@ -195,10 +194,15 @@ class AngleGrid(SampledTable):
             raise bad_field(cls.name, "values", got, "float32 (n_theta_i, n_theta_o, n_delta_phi, channels)")
         if min(values.shape[:3]) < 2 or values.shape[3] != len(channels) or values.size > _MOST_VALUES:
             raise bad_field(
-                cls.name, "values", str(values.shape), f"at least 2 nodes an axis, {len(channels)} channel(s), < 2^31 values"
+                cls.name,
+                "values",
+                str(values.shape),
+                f"at least 2 nodes an axis, {len(channels)} channel(s), < 2^31 values",
             )
         if flags["non_negative"] and values.min() < 0:
-            raise bad_field(cls.name, "values", f"as low as {values.min()}", "no value below 0, as the flag non_negative says")
+            raise bad_field(
+                cls.name, "values", f"as low as {values.min()}", "no value below 0, as the flag non_negative says"
+            )
         delta = checked_delta(cls.name, arrays, len(channels))
         return cls(values, channels, flags, delta, stored_interpolation(cls.name, attributes))
 

@@ -5,9 +5,9 @@ Trans. Graph. 22(3), 2003, DOI 10.1145/882262.882343) as a representation: what 
 the yardstick that `half_difference` is measured against.
 
 Cells and nodes. A direction belongs to the cell that the floor of its coordinate names, and the value of a cell stands
-for its middle. A look-up that takes value i for the point i, the lower edge of cell i, shifts the whole material by half
-a cell; near the mirror direction, where theta_h is finest, that is half of the lobe of a sharp material. Here "nearest"
-is the usual practice, floor, and the other interpolations place the nodes in the middle of their cells.
+for its middle. An interpolation that takes value i for the point i, the lower edge of cell i, shifts the material by
+half a cell, towards the mirror direction: a sharp lobe comes out narrower and its energy is lost. Here "nearest" is the
+usual practice, floor, and the other interpolations place the nodes in the middle of their cells.
 """
 
 from __future__ import annotations
@@ -103,8 +103,10 @@ class HalfAngleGrid(SampledTable):
     def _kernel(self) -> Any:
         from brdfcore.kernels import half_angle
 
-        kind = {"monotone_cubic": "cubic"}.get(self.interpolation, self.interpolation)
-        return getattr(half_angle, f"{kind}_{ {1: 'one', 3: 'three'}.get(len(self.channels), 'many') }")
+        if self.interpolation == "monotone_cubic":
+            return half_angle.cubic
+        count = {1: "one", 3: "three"}.get(len(self.channels), "many")
+        return getattr(half_angle, f"{self.interpolation}_{count}")
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
         scale = self._scales[theta_i.dtype]
@@ -154,8 +156,8 @@ class HalfAngleGrid(SampledTable):
             defect = reciprocity_defect(source)
             raise InputError(
                 "not_reciprocal",
-                f"the material is not reciprocal (L1 defect {defect:.3g}): this layout keeps one value for both orders of "
-                "the directions; fold='reciprocal' averages them, vndf_warp, half_difference and angle_grid need not",
+                f"the material is not reciprocal (L1 defect {defect:.3g}): this layout keeps one value for both "
+                "orders of the directions; pass fold='reciprocal' for their mean, or choose another representation",
                 where="fold",
                 got=defect,
                 expected="a reciprocal material, or fold='reciprocal'",

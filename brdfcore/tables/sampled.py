@@ -15,8 +15,8 @@ from brdfcore.parameters import Parameter, shown
 from brdfcore.status import Status
 from brdfcore.tables.base import Table, interpolated_delta
 
-#: nearest: the node's value. linear: never outside the nodes of the cell. monotone_cubic: the same, and smooth (see
-#: `kernels.interpolation`); third order where the nodes are monotone, some ten times the work.
+#: nearest: the node's value. linear: never outside the nodes of the cell. monotone_cubic: nor is it, third order where
+#: the nodes are monotone, and smooth along their lines (`kernels.interpolation`); some ten times the work.
 INTERPOLATIONS = ("nearest", "linear", "monotone_cubic")
 
 INTERPOLATION = Parameter(
