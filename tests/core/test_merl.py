@@ -136,9 +136,7 @@ def test_values_at_the_lower_edge_when_asked(tmp_path: Path) -> None:
     assert "as asked" in table.report["conventions"]["cells"]
     losses = written(table, tmp_path / "y.binary")
     assert any("lower_edge" in text for text in losses)
-    assert (tmp_path / "y.binary").read_bytes()[12:] == pytest.approx(path.read_bytes()[12:]) or np.allclose(
-        read_plainly(tmp_path / "y.binary"), read_plainly(path), rtol=1e-7
-    )
+    assert np.allclose(read_plainly(tmp_path / "y.binary"), read_plainly(path), rtol=1e-7, atol=0)
 
 
 def test_what_a_file_cannot_hold_is_said(tmp_path: Path) -> None:
@@ -147,10 +145,10 @@ def test_what_a_file_cannot_hold_is_said(tmp_path: Path) -> None:
     assert any("not reciprocal (L1 defect 0." in text for text in losses)
     assert any("negative in" in text for text in losses)
     plain = read_plainly(path)
-    angles = (0.4, 0.9, 1.1)
-    mean = 0.5 * (Skewed().evaluate(*angles) + Skewed().evaluate(0.9, 0.4, -1.1))
-    cell = cell_of(*angles, MERL_SHAPE)
-    assert plain[cell][0] == pytest.approx(mean[0], rel=0.02)
+    angles = (0.1, 0.2, 1.1)
+    mean = 0.5 * (Skewed().evaluate(*angles) + Skewed().evaluate(0.2, 0.1, -1.1))
+    assert plain[cell_of(*angles, MERL_SHAPE)] == pytest.approx(mean, rel=0.02)
+    assert (plain[cell_of(0.8, 0.9, 1.1, MERL_SHAPE)] < 0).all()
     mirror = bc.tabulate(
         bc.model("mirror", ior="silver") + bc.model("lambert"), "half_angle_grid", shape=SHAPE, interpolation="nearest"
     )
@@ -159,11 +157,12 @@ def test_what_a_file_cannot_hold_is_said(tmp_path: Path) -> None:
     assert any("one channel, written three times" in text for text in losses)
     assert any("6 x 5 x 8 cells" in text for text in losses)
     plain = read_plainly(path)
-    assert (plain[..., 0] == pytest.approx(plain[..., 2])) or (plain[0, 0, 0, 0] == pytest.approx(plain[0, 0, 0, 2]))
+    above = plain[..., 0] >= 0
+    assert np.allclose(plain[above], plain[above][:, :1], rtol=1e-12, atol=0)
     for channels in ([450.0, 550.0], ["X", "Y", "Z"]):
         b = bc.tabulate(bc.model("lambert", reflectance=[0.5] * len(channels)), "half_angle_grid", shape=SHAPE)
         b.channels = bc.Channels(channels)
-        with pytest.raises(bc.InputError, match="R, G, B"):
+        with pytest.raises(bc.InputError, match="a MERL file holds R, G"):
             bc.write(b, tmp_path / "no.binary")
     assert not (tmp_path / "no.binary").exists()
 
@@ -207,7 +206,7 @@ def test_header_and_size_that_do_not_fit(
     path.write_bytes(data[: len(data) - cut] if cut >= 0 else data + b"x")
     bc.formats()  # what is imported first does not count
     tracemalloc.start()
-    with pytest.raises(bc.FileFormatError, match="bad.binary") as caught:
+    with pytest.raises(bc.FileFormatError, match=r"bad\.binary") as caught:
         bc.read(path, format="merl")
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -268,6 +267,13 @@ def test_an_own_head_is_known() -> None:
     assert MerlFormat().sniff(struct.pack("<3i", 90, 90, 180))
 
 
+def read_or_refusal(path: Path) -> bc.Brdf | bc.FileFormatError:
+    try:
+        return bc.read(path, format="merl")
+    except bc.FileFormatError as error:
+        return error
+
+
 @given(data=st.binary(max_size=64), dims=st.tuples(*[st.integers(-3, 5)] * 3), extra=st.integers(-9, 9))
 @settings(max_examples=200, deadline=None)
 def test_any_bytes_are_read_or_refused(
@@ -276,10 +282,9 @@ def test_any_bytes_are_read_or_refused(
     path = tmp_path_factory.getbasetemp() / "fuzz.binary"
     size = max(0, 24 * int(np.prod(dims)) + extra)
     path.write_bytes(struct.pack("<3i", *dims) + (data * (size // max(len(data), 1) + 1))[:size])
-    try:
-        table = bc.read(path, format="merl")
-    except bc.FileFormatError as error:
-        assert "fuzz.binary" in error.detail
-        assert error.context["offset"] >= 0
+    found = read_or_refusal(path)
+    if isinstance(found, bc.Brdf):
+        assert np.isfinite(found.evaluate(0.3, 0.4, 1.0)).all()
     else:
-        assert np.isfinite(table.evaluate(0.3, 0.4, 1.0)).all()
+        assert "fuzz.binary" in found.detail
+        assert found.context["offset"] >= 0
