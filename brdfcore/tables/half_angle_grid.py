@@ -125,7 +125,7 @@ class HalfAngleGrid(SampledTable):
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         """FILLED in a filled cell; EXTRAPOLATED where one has a part in the value, and past the last nodes."""
-        from brdfcore.kernels import half_angle
+        from brdfcore.kernels import half_angle_numpy as half_angle
 
         n_h, n_d, n_p = self.values.shape[:3]
         shift = CELLS[self.cells]

@@ -73,9 +73,8 @@ def accuracy(name: str, source: bc.Brdf) -> None:
 def speed(n: int, rounds: int) -> None:
     rng = np.random.default_rng(1)
     angles = [rng.uniform(0, top, n).astype(np.float32) for top in (1.5707, 1.5707, 3.1415)]
-    print(
-        f"\nns a look-up, {n:.0e} look-ups, float32, {launch.threads()} threads, median (low .. high) of {rounds} rounds"
-    )
+    print(f"\nns a look-up, {n:.0e} look-ups, float32, {launch.threads()} threads, 64 x 64 x 128 nodes")
+    print(f"median (low .. high) of {rounds} interleaved rounds")
     for ior in ("gold", ["gold", "copper", "silver"]):
         source = bc.model("cook_torrance", roughness=0.3, ior=ior)
         runs = {}

@@ -1,12 +1,12 @@
 """MERL's layout against the compact table, accuracy beside speed: `python -m tests.benchmarks.merl`.
 
 Each material is written as a MERL file (90 x 90 x 180 cells, 35 MB) and read back; its look-ups are compared with the
-material: nearest (the usual practice), linear, monotone cubic, and linear with values taken for the lower edges of their
-cells (the classic mistake). Beside them `half_difference` within 256 kB a channel.
+material: nearest (the usual practice), linear, monotone cubic, and linear with values taken for the lower edges of
+their cells (the classic mistake). Beside them `half_difference` within 256 kB a channel.
 
 L1 and its standard error are those of `metrics`; "lobe" and "uniform" are the reference L1 of the measured files (each
-half of ../shared/reference's directions apart). A measured file is not reciprocal: "fold" is the L1 of its mean over both
-orders of the directions, below which no MERL file can come. ns: float32 look-ups from random directions.
+half of ../shared/reference's directions apart). A measured file is not reciprocal: "fold" is the L1 of its mean over
+both orders of the directions, below which no MERL file can come. ns: float32 look-ups from random directions.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from mpmath import mp, mpf
 import brdfcore as bc
 from brdfcore import testing
 from brdfcore.conventions import FloatArray
-from brdfcore.kernels import half_angle, launch
+from brdfcore.kernels import half_angle_numpy, launch
 from brdfcore.metrics import FLAG_DEFECT, bilateral_defect, reciprocity_defect
 from brdfcore.tables.base import BuildOptions
 from brdfcore.tables.half_angle_grid import HalfAngleGrid, cell_angles, continued
@@ -72,7 +72,7 @@ def test_coordinates_against_mpmath() -> None:
         (1.57, 1.5707, np.pi - 1e-7),
         (0.6, 0.5, 9.0),
     ]
-    found = np.array(half_angle.half_angles(*np.array(cases).T)).T
+    found = np.array(half_angle_numpy.half_angles(*np.array(cases).T)).T
     for (ti, to, dp), (theta_h, theta_d, phi_d) in zip(cases, found):
         with mp.workdps(40):
             a, b, c = mpf(ti), mpf(to), mpf(dp)
@@ -92,7 +92,7 @@ def test_coordinates_against_mpmath() -> None:
 def test_cells_are_found_where_they_were_sampled() -> None:
     for cells, shift in (("centre", 0.5), ("lower_edge", 0.0)):
         theta_i, theta_o, delta_phi, valid = cell_angles(SHAPE, slice(2, 9), cells)
-        h, d, p = half_angle.indices_numpy(theta_i[valid], theta_o[valid], delta_phi[valid], SHAPE, shift)
+        h, d, p = half_angle_numpy.indices_numpy(theta_i[valid], theta_o[valid], delta_phi[valid], SHAPE, shift)
         i, j, k = np.nonzero(valid)
         assert np.abs(h - (i + 2)).max() < 1e-10
         assert np.abs(d - j).max() < 1e-10
@@ -111,7 +111,7 @@ def test_kernels_against_their_twin(name: str, interpolation: str, tables: dict[
     n, channels = 2 * launch.PARALLEL_FROM, len(table.channels)
     angles = [rng.uniform(low, top, n) for low, top in ((-0.05, 1.6), (-0.05, 1.6), (-9.5, 9.5))]
     angles[0][:2] = np.nan, np.inf
-    twin = getattr(half_angle, {"monotone_cubic": "cubic"}.get(interpolation, interpolation) + "_numpy")
+    twin = getattr(half_angle_numpy, {"monotone_cubic": "cubic"}.get(interpolation, interpolation) + "_numpy")
     for dtype, tolerance in ((np.float64, 1e-6), (np.float32, 2e-4)):
         given = [x.astype(dtype) for x in angles]
         inside = (given[0] >= 0) & (given[0] <= 1.57) & (given[1] >= 0) & (given[1] <= 1.57)
@@ -123,7 +123,7 @@ def test_kernels_against_their_twin(name: str, interpolation: str, tables: dict[
             found.append(out.reshape(n, channels)[inside])
         assert counts[0] == counts[1] >= n - inside.sum() - 100
         assert np.array_equal(found[0], found[1])
-        places = half_angle.indices_numpy(*(x[inside] for x in given), SHAPE, 0.5)
+        places = half_angle_numpy.indices_numpy(*(x[inside] for x in given), SHAPE, 0.5)
         expected = twin(*places, table.values)
         off = np.abs(found[0] - expected) / (np.abs(expected) + np.abs(expected).mean())
         # the nearest cell of a direction on its edge is a matter of rounding

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import brdfcore as bc
 from brdfcore import testing
-from brdfcore.kernels import angle_lattice, half_angle, launch, trilinear
+from brdfcore.kernels import angle_lattice, half_angle_numpy, launch, trilinear
 from brdfcore.kernels.interpolation import hermite, limited
 from brdfcore.metrics import FLAG_DEFECT, reciprocity_defect
 from brdfcore.tables.angle_grid import AngleGrid
@@ -135,8 +135,8 @@ def corners_of_half_angles(table: HalfAngleGrid, angles: list[np.ndarray]) -> np
     """As above; a neighbouring cell counts where rounding could place the look-up in it, and where theta_h or theta_d
     is next to nothing every phi_d."""
     n_h, n_d, n_p = table.values.shape[:3]
-    theta_h, theta_d, _ = half_angle.half_angles(*angles)
-    position = half_angle.indices_numpy(*angles, (n_h, n_d, n_p), 0.5)
+    theta_h, theta_d, _ = half_angle_numpy.half_angles(*angles)
+    position = half_angle_numpy.indices_numpy(*angles, (n_h, n_d, n_p), 0.5)
     slack = 1e-9 if angles[0].dtype == np.float64 else 1e-3
     found = []
     for shift in (-slack, slack):
