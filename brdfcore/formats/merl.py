@@ -2,7 +2,7 @@
 
 Three little-endian int32 (numbers of cells of theta_h, theta_d, phi_d; 90, 90, 180 in the database), then three planes
 of float64, red, green, blue, each in C order with phi_d fastest. f_r in 1/sr is the number times 1/1500 (red),
-1.15/1500 (green), 1.66/1500 (blue). A cell with a negative number is invalid.
+1.15/1500 (green), 1.66/1500 (blue). A cell with a negative number in every plane is invalid.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-import numpy.typing as npt
 
 from brdfcore.atomic import replacing
 from brdfcore.brdf import RGB, Brdf
@@ -35,7 +34,7 @@ PLANES = ("red", "green", "blue")
 MAX_BYTES = 2_000_000_000
 #: Most cells an axis that a header may name: far beyond any lattice, and text or another binary format has more.
 _MOST_CELLS = 4_096
-#: What the database's own reader takes for "below the horizon" is any negative number; -1 is the usual one.
+#: Any negative number means an invalid cell; -1 is the usual one.
 _INVALID = -1.0
 _HEADER = struct.Struct("<3i")
 #: Cells read or written at a time.
@@ -47,7 +46,7 @@ _CONVENTIONS = {
     "theta_d": "n equal cells over 0 to 90 degrees, between either direction and the half vector",
     "phi_d": "n equal cells over 0 to 180 degrees, azimuth of wi about the half vector; phi_d + 180 degrees exchanges "
     "the directions and is the same cell",
-    "invalid": "a cell that is negative in any plane has no value",
+    "invalid": "a cell that is negative in every plane has no value; in one or two it is noise about 0",
 }
 _PLACES = {
     "centre": "a value belongs to the middle of its cell; a nearest look-up is the floor of the coordinates",
@@ -60,8 +59,9 @@ class MerlFormat(Format):
 
     Read into a `HalfAngleGrid`: float32, where the file has float64 (6e-8 relative, far below the measurement's noise,
     for half the memory a look-up touches). Written from any BRDF with one channel or R, G, B: a `HalfAngleGrid`
-    with the cells it has, anything else in the middle of the database's 90 x 90 x 180 cells; cells whose middle is
-    below the horizon are -1. What the layout can't hold is said in a `LossWarning`.
+    with the cells it has, anything else in the middle of the database's 90 x 90 x 180 cells. Cells whose middle is below
+    the horizon are -1; a negative value, which would mean the same, becomes 0. What the layout can't hold is said in a
+    `LossWarning`.
     """
 
     name = "merl"
@@ -76,6 +76,8 @@ class MerlFormat(Format):
             "invalid", "", "what invalid cells become: the nearest valid value along theta_h, or 0",
             "continue", kind="choice", choices=("continue", "zero"),
         ),
+        Parameter("negatives", "", "what negative numbers of valid cells become", "keep", kind="choice",
+                  choices=("keep", "zero")),
         Parameter("cells", "", "point of its cell that a value belongs to", "centre", kind="choice",
                   choices=tuple(CELLS)),
         INTERPOLATION,
@@ -203,12 +205,10 @@ def _read(file: BinaryIO, name: str, chosen: dict[str, Any]) -> HalfAngleGrid:
             zero[c] += int((numbers == 0).sum())
             if start + numbers.size < cells and len(raw) < 8 * _CHUNK:  # shortened since its size was asked for
                 raise _damaged(name, f"{plane} plane", at + len(raw), "the file ends too early", len(raw), "more bytes")
-    valid = (bad == 0).reshape(shape)
+    valid = (bad < len(PLANES)).reshape(shape)
     invalid = int(cells - valid.sum())
     if invalid == cells:
-        raise _damaged(
-            name, "red plane", _HEADER.size, "no cell is valid", f"{cells} with a negative number", "valid cells"
-        )
+        raise _damaged(name, "red plane", _HEADER.size, "no cell is valid", f"{cells} negative ones", "valid cells")
     lattice = values.reshape(*shape, len(PLANES))
     done = ["numbers scaled by 1/1500, 1.15/1500, 1.66/1500 and rounded to float32 (6e-8 relative)"]
     if invalid and chosen["invalid"] == "zero":
@@ -219,22 +219,25 @@ def _read(file: BinaryIO, name: str, chosen: dict[str, Any]) -> HalfAngleGrid:
         done.append(
             f"{invalid} invalid cells continued: next valid value at a lower theta_h, else a higher one, else theta_d"
         )
-    unknown = {"reciprocal": True, "bilateral": False, "energy_conserving": False, "non_negative": True}
+    noise = int((lattice[valid] < 0).sum())
+    if noise and chosen["negatives"] == "zero":
+        np.maximum(lattice, 0, out=lattice)
+        done.append(f"{noise} negative numbers of valid cells set to zero, as asked")
+    unknown = {"reciprocal": True, "bilateral": False, "energy_conserving": False, "non_negative": False}
     table = HalfAngleGrid(
         lattice, RGB, unknown, filled=np.packbits(~valid) if invalid else None,
         interpolation=chosen["interpolation"], cells=chosen["cells"],
     )  # fmt: skip
-    flags = measured_flags(table) | {"reciprocal": True, "non_negative": True}  # both by construction
+    flags = measured_flags(table) | {"reciprocal": True, "non_negative": bool((lattice >= 0).all())}  # both are known
     for flag in FLAGS:
         setattr(table, flag, flags[flag])
     said = []
     if shape != MERL_SHAPE:
         named = " x ".join(map(str, shape))
         said.append(f"{named} cells, not the database's 90 x 90 x 180: most other readers refuse such a file")
-    some = int((bad.reshape(shape)[~valid] < len(PLANES)).sum())
-    if some:
+    if noise and chosen["negatives"] == "keep":
         said.append(
-            f"{some} of the invalid cells are negative in one or two planes only; the others were not used either"
+            f"{noise} numbers of valid cells are negative (noise; other readers take the cell for invalid); kept"
         )
     table.source = {"name": name, "format": "merl", "sha256": digest.hexdigest()}
     table.report = {
@@ -282,30 +285,34 @@ def _losses(brdf: Brdf) -> Iterator[str]:
             yield f"{named} cells, not the database's 90 x 90 x 180: most other readers refuse the file"
         if brdf.cells != "centre":
             yield f"the values belong to the {brdf.cells} of their cells: read the file with cells={brdf.cells!r}"
-        negative = int(((brdf.values < 0).any(axis=3) & ~brdf.filled_cells).sum())
+        negative = _negative(brdf)
         if negative:
-            yield f"{negative} cells hold a negative value, which means an invalid cell in the file: written as -1"
+            yield f"{negative} values are negative, which means an invalid cell in the file: written as 0"
 
 
 def _sampled(brdf: Brdf) -> HalfAngleGrid:
     """`brdf` in the database's cells, folded where it is not reciprocal."""
     table = HalfAngleGrid.build(brdf, BuildOptions(fold=frozenset() if brdf.reciprocal else frozenset({"reciprocal"})))
-    negative = int((table.values < 0).any(axis=3).sum())
+    negative = _negative(table)
     if negative:
-        text = f"the material is negative in {negative} cells, which means an invalid cell in the file: written as -1"
+        text = f"{negative} values are negative, which means an invalid cell in the file: written as 0"
         warnings.warn(text, LossWarning, stacklevel=3)
     return table
+
+
+def _negative(table: HalfAngleGrid) -> int:
+    return int((table.values[~table.filled_cells] < 0).sum())
 
 
 def _write(table: HalfAngleGrid, file: BinaryIO) -> None:
     shape = table.values.shape[:3]
     file.write(_HEADER.pack(*shape))
     values = table.values.reshape(-1, len(table.channels))
-    invalid: npt.NDArray[np.bool_] = table.filled_cells.reshape(-1) | (values < 0).any(axis=1)
+    invalid = table.filled_cells.reshape(-1)
     for c, scale in enumerate(SCALES):
         plane = values[:, c if len(table.channels) > 1 else 0]
         for start in range(0, plane.size, _CHUNK):
             part = slice(start, start + _CHUNK)
-            numbers = plane[part].astype("<f8") / scale
+            numbers = np.maximum(plane[part], 0).astype("<f8") / scale
             numbers[invalid[part]] = _INVALID
             file.write(numbers.tobytes())
