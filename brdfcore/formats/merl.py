@@ -60,8 +60,8 @@ class MerlFormat(Format):
     Read into a `HalfAngleGrid`: float32, where the file has float64 (6e-8 relative, far below the measurement's noise,
     for half the memory a look-up touches). Written from any BRDF with one channel or R, G, B: a `HalfAngleGrid`
     with the cells it has, anything else in the middle of the database's 90 x 90 x 180 cells. Cells whose middle is
-    below the horizon are -1; a negative value, which would mean the same, becomes 0. What the layout can't hold is said in a
-    `LossWarning`.
+    below the horizon are -1; a negative value, which would mean the same, becomes 0. What the layout can't hold is
+    said in a `LossWarning`.
     """
 
     name = "merl"
