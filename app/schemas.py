@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+import brdfcore as bc
+
 Unit = Literal["deg", "rad"]
 Angle = Annotated[float | list[float], Field(description="a number, or a list of them; lists broadcast as in numpy")]
 
@@ -163,6 +165,16 @@ class GlossAnswer(Strict):
     id: str
 
 
+#: What the representations offer, each once.
+_INTERPOLATIONS = dict.fromkeys(
+    choice
+    for parameters in bc.representations().values()
+    for parameter in parameters
+    if parameter.name == "interpolation"
+    for choice in parameter.choices
+)
+
+
 class TabulateOptions(Strict):
     """What `brdfcore.tabulate` is asked for."""
 
@@ -172,7 +184,12 @@ class TabulateOptions(Strict):
     shape: list[Annotated[int, Field(ge=2, le=2**31)]] | None = Field(
         None, min_length=1, max_length=8, description="nodes per axis, both ends included"
     )
-    interpolation: str = Field("linear", max_length=64)
+    interpolation: str = Field(
+        "linear",
+        max_length=64,
+        description="between the nodes, if the representation offers it",
+        json_schema_extra={"enum": list(_INTERPOLATIONS)},
+    )
     negatives: Literal["keep", "zero"] = Field("keep", description="negative values of the source")
     fold: list[Literal["bilateral", "reciprocal"]] | None = Field(
         None, max_length=2, description="average over a symmetry that the source does not have"

@@ -49,10 +49,12 @@ def _look(facts: dict[str, object]) -> tuple[object, ...]:
     """What decides which machine code a material needs."""
     channels = facts.get("channels")
     count = len(channels) if isinstance(channels, list) else 0
+    attributes = facts.get("attributes")
     # tables have one kernel for one channel, one for three and one for any other number
     return (
         facts.get("representation", facts["kind"]),
         count if count in (1, 3) else 0,
         facts.get("bilateral"),
         facts.get("has_delta"),
+        attributes.get("interpolation") if isinstance(attributes, dict) else None,
     )

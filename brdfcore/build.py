@@ -98,7 +98,7 @@ def tabulate(
         names = REPRESENTATIONS.names()
     classes: list[type[Table]] = [REPRESENTATIONS.load(name) for name in names]
     if representation == "auto":
-        classes = [c for c in classes if c.can_hold(b)]
+        classes = [c for c in classes if c.FOR_AUTO and c.can_hold(b)]
     if tolerance is None and max_bytes is None and (shape is not None or representation != "auto"):
         return _advised(_measured(classes[0].build(b, options, progress), b, None, progress), b, names)
     if tolerance is None and max_bytes is None:
@@ -250,7 +250,10 @@ def _complaints(error: dict[str, Any]) -> list[str]:
 def _advised(table: Table, source: Brdf, tried: Sequence[str]) -> Table:
     """`table`, with what else to try among its warnings if it misplaces too much."""
     if _l1(table) > BAD_L1:
-        others = [name for name in REPRESENTATIONS if name not in tried and REPRESENTATIONS.load(name).can_hold(source)]
+        untried: dict[str, type[Table]] = {
+            name: REPRESENTATIONS.load(name) for name in REPRESENTATIONS if name not in tried
+        }
+        others = [name for name, cls in untried.items() if cls.FOR_AUTO and cls.can_hold(source)]
         named = f"representation {' or '.join(others)}, or " if others else ""
         table.error["warnings"].append(f"try {named}more nodes: a larger shape or max_bytes")
     return table

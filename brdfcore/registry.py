@@ -82,6 +82,7 @@ REPRESENTATIONS = Registry(
         "angle_grid": "brdfcore.tables.angle_grid:AngleGrid",
         "half_difference": "brdfcore.tables.half_difference:HalfDifference",
         "vndf_warp": "brdfcore.tables.vndf_warp:VndfWarp",
+        "half_angle_grid": "brdfcore.tables.half_angle_grid:HalfAngleGrid",
     },
 )
 
@@ -91,5 +92,6 @@ FORMATS = Registry(
         "rgl": "brdfcore.formats.rgl:RglFormat",
         "table": "brdfcore.formats.table:TableFormat",
         "model": "brdfcore.formats.model_file:ModelFormat",
+        "merl": "brdfcore.formats.merl:MerlFormat",
     },
 )

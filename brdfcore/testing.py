@@ -57,13 +57,17 @@ def sample_angles(n: int = 512, seed: int = 7) -> tuple[Float64Array, Float64Arr
     return stacked[:, 0].copy(), stacked[:, 1].copy(), stacked[:, 2].copy()
 
 
-def check_brdf(b: Brdf) -> None:
-    """Every suite that applies to any BRDF."""
+def check_brdf(b: Brdf, *, steps: bool = False) -> None:
+    """Every suite that applies to any BRDF.
+
+    `steps`: f is a step function (a nearest look-up), so that angles that differ by rounding may answer with another
+    step: `check_float32` and `check_vectors` then ask for that of few directions only.
+    """
     check_signature(b)
     check_scalar_equals_batch(b)
-    check_float32(b)
+    check_float32(b, differing=0.05 if steps else 0.01)
     check_domain(b)
-    check_vectors(b)
+    check_vectors(b, differing=0.05 if steps else 0.0)
     check_claims(b)
 
 
@@ -117,11 +121,12 @@ def check_scalar_equals_batch(b: Brdf) -> None:
         assert _same(b.evaluate(i32[k], o32[k], d32[k]), batch[k]), f"float32 scalar differs from batch at {k}"
 
 
-def check_float32(b: Brdf, *, relative: float = 2e-3) -> None:
+def check_float32(b: Brdf, *, relative: float = 2e-3, differing: float = 0.01) -> None:
     """float32 in, float32 out, close to float64 on the same numbers; float32's pi/2 is inside the domain.
 
     `relative` bounds |f32 - f64| against the median magnitude plus the value itself: a look-up in float32 has
-    angle errors of 1e-7, which a sharp lobe turns into relative errors of 1e-7 / width.
+    angle errors of 1e-7, which a sharp lobe turns into relative errors of 1e-7 / width. A part `differing` of the
+    values may be off by more.
     """
     theta_i, theta_o = (x.astype(np.float32) for x in sample_angles(256)[:2])
     delta_phi = np.clip(sample_angles(256)[2], -np.pi, np.pi).astype(np.float32)
@@ -132,7 +137,7 @@ def check_float32(b: Brdf, *, relative: float = 2e-3) -> None:
     double = b.evaluate(i64, o64, delta_phi.astype(np.float64))
     scale = np.abs(double) + np.median(np.abs(double))
     off = np.abs(single - double) > relative * scale
-    assert off.mean() <= 0.01, f"{off.mean():.3g} of the float32 values are off by more than {relative}"
+    assert off.mean() <= differing, f"{off.mean():.3g} of the float32 values are off by more than {relative}"
     assert np.isfinite(b.evaluate(np.float32(HALF_PI), np.float32(0.1), np.float32(np.pi))).all()
     assert b.evaluate(np.float32(0.1), 0.1, np.float32(0.1)).dtype == np.float64, "mixed input is float64"
 
@@ -166,8 +171,9 @@ def check_domain(b: Brdf) -> None:
     assert np.allclose(turned, turned[0], rtol=1e-6, atol=1e-9), "delta_phi is not periodic"
 
 
-def check_vectors(b: Brdf) -> None:
-    """From vectors as from angles; exactly 0 at and below the horizon; any length; zero and NaN refused."""
+def check_vectors(b: Brdf, *, differing: float = 0.0) -> None:
+    """From vectors as from angles, but for a part `differing`; exactly 0 at and below the horizon; any length; zero
+    and NaN refused."""
     theta_i, theta_o, delta_phi = sample_angles(128)
     # at the pole vectors have no azimuth; close to the horizon the cosine of a rounded vector is off
     keep = (theta_i > 0) & (theta_o > 0) & (theta_i < 1.5) & (theta_o < 1.5) & (np.abs(delta_phi) < 4)
@@ -176,7 +182,8 @@ def check_vectors(b: Brdf) -> None:
     by_angle, by_vector = b.evaluate(theta_i, theta_o, delta_phi), b.evaluate_vectors(3.0 * wi, 0.1 * wo)
     scale = np.abs(by_angle) + np.median(np.abs(by_angle))
     # the two entry points see directions that differ by rounding; a lobe of width m turns that into 1e-15/m
-    assert (np.abs(by_angle - by_vector) <= 1e-6 * scale).all(), float((np.abs(by_angle - by_vector) / scale).max())
+    off = np.abs(by_angle - by_vector) > 1e-6 * scale
+    assert off.mean() <= differing, float((np.abs(by_angle - by_vector) / scale).max())
     down = np.array([[0.0, 0.6, -0.8], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     values = b.evaluate_vectors(down, np.array([0.0, 0.0, 1.0]))
     assert (values[:2] == 0).all(), values

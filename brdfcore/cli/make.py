@@ -40,7 +40,9 @@ def tabulate(
     max_bytes: Annotated[
         str | None, typer.Option(metavar="BYTES", help="E.g. 4.5MB: the best table within.", show_default=False)
     ] = None,
-    interpolation: Annotated[str, typer.Option(help="Between nodes; what the representation offers.")] = "linear",
+    interpolation: Annotated[
+        str, typer.Option(help="Between nodes: nearest, linear, monotone_cubic; what the representation offers.")
+    ] = "linear",
     negatives: Annotated[str, typer.Option(metavar="[keep|zero]", help="Negative values of the source.")] = "keep",
     fold: Annotated[
         str | None,
@@ -108,17 +110,24 @@ def convert(
     json: Json = False,
 ) -> None:
     from brdfcore import io
+    from brdfcore.formats.base import LossWarning
     from brdfcore.metrics import compare
 
     may_write(target, force)
     b = arguments.load(source)
-    io.write(b, target, format)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", LossWarning)
+        io.write(b, target, format)
+    losses = [str(w.message) for w in caught if issubclass(w.category, LossWarning)]
     again = io.read(target, format)
     found = compare(b, again)
     if json:
-        as_json({"file": str(target), "file_bytes": target.stat().st_size, "round_trip": found.to_json()})
+        size = target.stat().st_size
+        as_json({"file": str(target), "file_bytes": size, "round_trip": found.to_json(), "losses": losses})
         return
     line(f"{target}: {bytes_text(target.stat().st_size)}")
+    for text in losses:
+        warn(text)
     if found.l1 != found.l1:
         line("round trip: the source has no regular part to compare")
     elif found.l1 == 0:
@@ -221,7 +230,8 @@ none of them a node of the table. An existing file is replaced with --force only
 Examples:
   brdf tabulate cook_torrance:roughness=0.2,ior=gold -o gold.h5
   brdf tabulate paint.bsdf -o paint.h5 --max-bytes 4.5MB
-  brdf tabulate lambert -o white.h5 --representation angle_grid --shape 10,10,19""",
+  brdf tabulate lambert -o white.h5 --representation angle_grid --shape 10,10,19
+  brdf tabulate paint.bsdf -o p.h5 --representation half_angle_grid --interpolation monotone_cubic --fold reciprocal""",
     convert: """Read A, write it as B in another format, read B again and say what the round trip cost.
 
 An existing file is replaced with --force only.
@@ -229,6 +239,7 @@ An existing file is replaced with --force only.
 \b
 Examples:
   brdf convert paint.bsdf paint.h5
+  brdf convert paint.bsdf paint.binary
   brdf convert gold.h5 copy.h5 --force --json""",
     serve: """Serve a folder of materials over HTTP, with pictures for a browser at the address it prints.
 

@@ -11,6 +11,10 @@ from brdfcore.errors import InputError
 from brdfcore.parameters import Parameter
 
 
+class LossWarning(UserWarning):
+    """A format can't hold everything of the material that was written; the text says what is missing or changed."""
+
+
 class Format(ABC):
     """A file format. Instances hold nothing; `io` calls `sniff`, `read` and `write`.
 
@@ -26,6 +30,9 @@ class Format(ABC):
     #: Options of `read`.
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
     writable: ClassVar[bool] = False
+    #: Whether what it writes reads to the same answers; False for a layout that samples anew.
+    #: Either way, a file that was read and is written again has the same answers.
+    exact: ClassVar[bool] = True
 
     @abstractmethod
     def sniff(self, head: bytes) -> bool:
@@ -36,7 +43,7 @@ class Format(ABC):
         """Read a file. `FileFormatError` names file, field and offset; `StorageError` if it can't be opened."""
 
     def write(self, brdf: Brdf, path: Path) -> None:
-        """Write `brdf`; `InputError` if this format can't hold it."""
+        """Write `brdf`; `InputError` if this format can't hold it, a `LossWarning` for each thing that is left out."""
         raise InputError(
             "format_not_writable",
             f"format {self.name!r} can be read, not written",

@@ -1,4 +1,4 @@
-"""The plain grid: f_r at uniform nodes of (theta_i, theta_o, delta_phi), trilinear between them.
+"""The plain grid: f_r at uniform nodes of (theta_i, theta_o, delta_phi), interpolated between them.
 
 The representation everybody builds first. Right for rough materials, fast, and wrong on sharp lobes: the
 mirror direction runs diagonally through the grid, so a lobe narrower than a cell is smeared along it and
@@ -17,19 +17,23 @@ import numpy.typing as npt
 
 from brdfcore.brdf import Brdf, Channels
 from brdfcore.conventions import FloatArray
-from brdfcore.errors import FileFormatError, InputError
+from brdfcore.errors import InputError
 from brdfcore.metrics import ALBEDO_SLACK
 from brdfcore.parameters import Parameter
-from brdfcore.status import Status
 from brdfcore.tables.base import (
     DELTA_NODES,
     BuildOptions,
     Progress,
-    Table,
     checked_delta,
     expected_time,
-    interpolated_delta,
     sampled_delta,
+)
+from brdfcore.tables.sampled import (
+    INTERPOLATION,
+    SampledTable,
+    bad_field,
+    check_interpolation,
+    stored_interpolation,
 )
 
 #: Nodes of theta that `candidates` tries: 2 degrees to half a degree; delta_phi gets twice as many cells.
@@ -46,8 +50,8 @@ _CHUNK = 262_144
 _MOST_VALUES = 2**31 - 1
 
 
-class AngleGrid(Table):
-    """f_r on a uniform grid of angles, float32, C channels, trilinear.
+class AngleGrid(SampledTable):
+    """f_r on a uniform grid of angles, float32, C channels; nearest node, trilinear or monotone cubic.
 
     Node values are f_r at the nodes, but for the last theta: it holds f_r a quarter of a cell above the horizon.
 
@@ -60,10 +64,10 @@ class AngleGrid(Table):
     """
 
     name = "angle_grid"
-    SUMMARY = "uniform grid of (theta_i, theta_o, delta_phi), float32, trilinear"
+    SUMMARY = "uniform grid of (theta_i, theta_o, delta_phi), float32"
     PARAMETERS = (
         Parameter("shape", "", "nodes along theta_i, theta_o, delta_phi, both ends included", "90,90,181", kind="text"),
-        Parameter("interpolation", "", "between the nodes", "linear", kind="choice", choices=("linear",)),
+        INTERPOLATION,
     )
     _checks_domain = True
 
@@ -73,12 +77,11 @@ class AngleGrid(Table):
         channels: Channels,
         flags: Mapping[str, bool],
         delta: npt.NDArray[np.float64] | None = None,
+        interpolation: str = "linear",
     ) -> None:
-        super().__init__(channels, flags)
+        super().__init__(channels, flags, interpolation, delta)
         # read-only memory is another type to the compiler, which would take seconds for its version
         self.values = np.require(values, requirements=("C", "A", "W"))
-        self.delta = delta
-        self.has_delta = delta is not None
         _, n_o, n_d, _ = values.shape
         self._flat = self.values.reshape(-1)
         self._steps = (n_o * n_d, n_d)
@@ -92,10 +95,14 @@ class AngleGrid(Table):
 
     @cached_property
     def _kernel(self) -> Any:
-        from brdfcore.kernels import trilinear
+        from brdfcore.kernels import angle_lattice, trilinear
 
-        special = {1: trilinear.trilinear_one, 3: trilinear.trilinear_three}
-        return special.get(len(self.channels), trilinear.trilinear_many)
+        if self.interpolation == "monotone_cubic":
+            return angle_lattice.cubic
+        count = {1: "one", 3: "three"}.get(len(self.channels), "many")
+        if self.interpolation == "linear":
+            return getattr(trilinear, f"trilinear_{count}")
+        return getattr(angle_lattice, f"nearest_{count}")
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
         scale = self._scales[theta_i.dtype]
@@ -104,27 +111,12 @@ class AngleGrid(Table):
         )
         return bool(outside == 0)
 
-    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
-        return np.full(theta_i.shape, Status.INTERPOLATED, np.uint8)
-
-    def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        if self.delta is None:
-            return super()._delta_reflectance(theta_i)
-        return interpolated_delta(self.delta, theta_i)
-
     @classmethod
     def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
         """Sample `source` at the nodes; see `Table.build`."""
         bilateral = source.bilateral or "bilateral" in options.fold
         shape = _checked_shape(options, bilateral, len(source.channels))
-        if options.interpolation != "linear":
-            raise InputError(
-                "bad_option",
-                f"interpolation = {options.interpolation!r}: angle_grid offers 'linear'",
-                where="interpolation",
-                got=options.interpolation,
-                expected="linear",
-            )
+        check_interpolation(cls.name, options.interpolation)
         symmetric = shape[0] == shape[1]
         if "reciprocal" in options.fold and not symmetric:
             raise InputError(
@@ -150,7 +142,7 @@ class AngleGrid(Table):
             "energy_conserving": source.energy_conserving,
             "non_negative": bool((values >= 0).all()),
         }
-        table = cls(values, source.channels, flags, sampled_delta(source))
+        table = cls(values, source.channels, flags, sampled_delta(source), options.interpolation)
         if flags["energy_conserving"]:  # interpolating a lobe between nodes may add energy: measure, don't inherit
             albedo = table.albedo(np.radians(ENERGY_ANGLES))
             table.energy_conserving = bool((albedo <= 1 + ALBEDO_SLACK).all())
@@ -182,10 +174,11 @@ class AngleGrid(Table):
         return l1 <= tolerance * _LARGEST_GAIN
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
-        arrays: dict[str, npt.NDArray[Any]] = {"values": self.values}
-        if self.delta is not None:
-            arrays["delta"] = self.delta
-        return arrays
+        return self._with_delta({"values": self.values})
+
+    def attributes(self) -> dict[str, Any]:
+        # none for the linear one: tables from before there were others keep their id
+        return {} if self.interpolation == "linear" else {"interpolation": self.interpolation}
 
     @classmethod
     def from_arrays(
@@ -198,14 +191,20 @@ class AngleGrid(Table):
         values = arrays.get("values")
         if values is None or values.dtype != np.float32 or values.ndim != 4:
             got = "nothing" if values is None else f"{values.dtype} {values.shape}"
-            raise _bad("values", got, "float32 (n_theta_i, n_theta_o, n_delta_phi, channels)")
+            raise bad_field(cls.name, "values", got, "float32 (n_theta_i, n_theta_o, n_delta_phi, channels)")
         if min(values.shape[:3]) < 2 or values.shape[3] != len(channels) or values.size > _MOST_VALUES:
-            raise _bad(
-                "values", str(values.shape), f"at least 2 nodes an axis, {len(channels)} channel(s), < 2^31 values"
+            raise bad_field(
+                cls.name,
+                "values",
+                str(values.shape),
+                f"at least 2 nodes an axis, {len(channels)} channel(s), < 2^31 values",
             )
         if flags["non_negative"] and values.min() < 0:
-            raise _bad("values", f"as low as {values.min()}", "no value below 0, as the flag non_negative says")
-        return cls(values, channels, flags, checked_delta(cls.name, arrays, len(channels)))
+            raise bad_field(
+                cls.name, "values", f"as low as {values.min()}", "no value below 0, as the flag non_negative says"
+            )
+        delta = checked_delta(cls.name, arrays, len(channels))
+        return cls(values, channels, flags, delta, stored_interpolation(cls.name, attributes))
 
 
 def _checked_shape(options: BuildOptions, bilateral: bool, channels: int) -> tuple[int, int, int]:
@@ -270,9 +269,3 @@ def _sample(
     if not bilateral:
         values[:, :, -1] = values[:, :, 0]  # 0 and 2 pi are one direction
     return values
-
-
-def _bad(field: str, got: str, expected: str) -> FileFormatError:
-    return FileFormatError(
-        "bad_field", f"angle_grid: {field} is {got}; expected {expected}", where=field, got=got, expected=expected
-    )

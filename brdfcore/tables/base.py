@@ -72,6 +72,8 @@ class Table(Brdf):
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
     #: One sentence for lists.
     SUMMARY: ClassVar[str] = ""
+    #: Whether "auto" considers it: False for what another representation is always better at.
+    FOR_AUTO: ClassVar[bool] = True
 
     def __init__(self, channels: Channels, flags: Mapping[str, bool]) -> None:
         super().__init__()

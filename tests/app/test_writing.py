@@ -180,6 +180,33 @@ def test_put_and_tabulate(client: TestClient, data: Path) -> None:
     assert leftovers(data) == []
 
 
+def test_put_with_an_interpolation(client: TestClient, data: Path) -> None:
+    """Any representation's; the description of the interface lists them."""
+    body = {"model": "cook_torrance", "parameters": {"roughness": 0.4, "ior": "gold"}}
+    options = {"representation": "half_angle_grid", "interpolation": "nearest", "shape": [8, 8, 10]}
+    job = ended(client, client.put("/v1/materials/satin", json={**body, "tabulate": options}))
+    assert (job["state"], job["problem"]) == ("done", None)
+    assert client.get("/v1/materials/satin").json()["attributes"] == {"interpolation": "nearest", "cells": "centre"}
+    refused = client.put("/v1/materials/no", json={**body, "tabulate": {**options, "interpolation": "cubic"}})
+    assert ended(client, refused)["problem"]["code"] == "bad_option"
+    schema = client.get("/openapi.json").json()["components"]["schemas"]["TabulateOptions"]
+    assert schema["properties"]["interpolation"]["enum"] == ["nearest", "linear", "monotone_cubic"]
+
+
+def test_upload_of_a_merl_file(client: TestClient, data: Path) -> None:
+    numbers = np.random.default_rng(0).uniform(1, 100, (3, 6, 5, 8))
+    numbers[:, 5, 4, 0] = -1
+    file = np.array([6, 5, 8], "<i4").tobytes() + numbers.astype("<f8").tobytes()
+    job = ended(client, client.post("/v1/materials/paint/upload", content=file, headers=OCTET))
+    assert job["state"] == "done", job
+    table = local(data, "paint")
+    assert table.describe()["representation"] == "half_angle_grid"
+    assert table.report["found"]["invalid cells"] == 1
+    cut = ended(client, client.post("/v1/materials/cut/upload?format=merl", content=file[:-5], headers=OCTET))
+    assert cut["state"] == "failed"
+    assert "blue plane" in cut["problem"]["detail"]
+
+
 def test_upload_a_measurement(client: TestClient, data: Path) -> None:
     path = data.parent / "paint.bsdf"
     path.write_bytes(PAINT)

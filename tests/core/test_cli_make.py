@@ -89,6 +89,42 @@ def test_bad_options_of_tabulate(run: Run, tmp_path: Path, arguments: tuple[str,
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("interpolation", ["nearest", "monotone_cubic"])
+def test_tabulate_with_an_interpolation(run: Run, tmp_path: Path, interpolation: str) -> None:
+    for representation in ("angle_grid", "half_angle_grid"):
+        out = tmp_path / f"{representation}.h5"
+        code, _, err = run(
+            "tabulate", GOLD, "-o", out, "--representation", representation, "--shape", "12,12,24",
+            "--interpolation", interpolation,
+        )  # fmt: skip
+        assert code == 0, err
+        assert bc.open_table(out).attributes()["interpolation"] == interpolation
+    code, listed, _ = run("models", "--all", "half_angle_grid")
+    assert code == 0
+    for phrase in ("nearest", "linear", "monotone_cubic", "MERL"):
+        assert phrase in listed
+
+
+def test_convert_says_what_is_lost(run: Run, tmp_path: Path) -> None:
+    assert (
+        run("tabulate", GOLD, "-o", tmp_path / "g.h5", "--representation", "half_angle_grid", "--shape", "9,8,10")[0]
+        == 0
+    )
+    code, text, err = run("convert", tmp_path / "g.h5", tmp_path / "g.binary")
+    assert code == 0
+    assert "warning: one channel, written three times" in err
+    assert "9 x 8 x 10 cells" in err
+    assert "round trip" in text
+    code, text, _ = run("convert", tmp_path / "g.h5", tmp_path / "g.binary", "--force", "--json")
+    found = json.loads(text)
+    assert len(found["losses"]) == 2
+    assert found["round_trip"]["l1"] < 1e-6
+    code, text, _ = run("info", tmp_path / "g.binary")
+    assert code == 0
+    assert "merl" in text
+    assert "invalid cells" in text
+
+
 def test_convert_reports_the_round_trip(run: Run, gold_table: Path, tmp_path: Path) -> None:
     out = tmp_path / "copy.h5"
     code, text, _ = run("convert", gold_table, out)

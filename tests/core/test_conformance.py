@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 
 import brdfcore as bc
 from brdfcore import testing
+from brdfcore.formats.base import LossWarning
 from brdfcore.formats.tensor_file import encode
 from brdfcore.parameters import Parameter
 from brdfcore.registry import FORMATS, REPRESENTATIONS
@@ -77,30 +80,39 @@ def test_model_file_round_trip(name: str, tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def materials(tmp_path_factory: pytest.TempPathFactory) -> list[bc.Brdf]:
-    """One material of each kind: a model, a table of it, a measured file."""
+    """One material of each kind: a model, tables of it, a measured file."""
     gold = bc.model("cook_torrance", roughness=0.4, ior="gold")
     measured = tmp_path_factory.mktemp("measured") / "m.bsdf"
     measured.write_bytes(encode(fields_of()))
-    return [gold, bc.tabulate(gold, "angle_grid", shape=(16, 16, 31)), bc.read(measured)]
+    small = bc.tabulate(gold, "half_angle_grid", shape=(8, 7, 12))
+    return [gold, bc.tabulate(gold, "angle_grid", shape=(16, 16, 31)), small, bc.read(measured)]
 
 
 @pytest.mark.parametrize("name", bc.representations())
 def test_representation(name: str, materials: list[bc.Brdf], tmp_path: Path) -> None:
-    """Built from every material it can hold; a table answers to the same suites as a model."""
+    """Built from every material it can hold, with every interpolation it offers; a table answers to the same suites
+    as a model."""
     entry = REPRESENTATIONS.load(name)
     assert entry.SUMMARY
     held = [m for m in materials if entry.can_hold(m)]
     assert held, f"no example material for {name}: add one to the fixture"
-    for source in held:
-        table = bc.tabulate(source, name)
+    offered = {p.name: p.choices for p in entry.PARAMETERS}.get("interpolation", ("linear",))
+    for source, interpolation in product(held, offered):
+        table = bc.tabulate(source, name, interpolation=interpolation)
         assert table.name == name
-        testing.check_brdf(table)
+        testing.check_brdf(table, steps=interpolation == "nearest")
         testing.check_table(table, tmp_path)
+    with pytest.raises(bc.InputError) as refused:
+        bc.tabulate(held[0], name, interpolation="no such thing")
+    assert refused.value.context["where"] == "interpolation"
 
 
 @pytest.mark.parametrize("name", bc.formats())
 def test_format(name: str, materials: list[bc.Brdf], tmp_path: Path) -> None:
-    """What it writes it knows again, reads to the same bits, writes to the same bytes, and refuses when damaged."""
+    """What it writes it knows again, reads to the same bits, writes to the same bytes, and refuses when damaged.
+
+    A format that samples anew reads to the same bits what it has written of its own layout.
+    """
     entry = FORMATS.load(name)()
     assert entry.SUMMARY
     if not entry.writable:
@@ -108,17 +120,22 @@ def test_format(name: str, materials: list[bc.Brdf], tmp_path: Path) -> None:
     written = 0
     for source in materials:
         path, again = (tmp_path / f"{stem}{entry.EXTENSIONS[0]}" for stem in ("one", "two"))
-        try:
-            bc.write(source, path, format=name)
-        except bc.InputError:  # not a kind of material that this format holds
-            continue
-        written += 1
-        assert bc.sniff(path) == name
-        back = bc.read(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LossWarning)
+            try:
+                bc.write(source, path, format=name)
+            except bc.InputError:  # not a kind of material that this format holds
+                continue
+            written += 1
+            assert bc.sniff(path) == name
+            back = bc.read(path)
+            bc.write(back, again, format=name)
         angles = testing.sample_angles(100)
-        assert np.array_equal(back.evaluate(*angles), source.evaluate(*angles))
-        assert back.channels == source.channels
-        bc.write(back, again, format=name)
+        if entry.exact:
+            assert np.array_equal(back.evaluate(*angles), source.evaluate(*angles))
+            assert back.channels == source.channels
+        assert np.array_equal(bc.read(again).evaluate(*angles), back.evaluate(*angles))
         assert again.read_bytes() == path.read_bytes()
-        testing.check_damage(path, tmp_path)
+        # a large file takes a tenth of a second each time it is damaged
+        testing.check_damage(path, tmp_path, reads=64 if path.stat().st_size < 1_000_000 else 2)
     assert written, f"no example material for format {name!r}: add one to the fixture"
