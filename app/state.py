@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -34,6 +35,8 @@ class State:
     access_log: Callable[[str], object] | None = None
     #: Pictures by ETag: the start page shows the same ones to everybody, and each takes a third of a second to draw.
     pictures: ByteLru[str, bytes] = field(default_factory=lambda: ByteLru(PICTURE_BYTES))
+    #: Pictures that are being drawn or wait for it, by ETag.
+    drawn: dict[str, asyncio.Task[bytes]] = field(default_factory=dict)
     #: True once the kernels are compiled and one figure was drawn.
     ready: bool = False
     #: True once the process was told to end: what could go on for ever ends then.

@@ -19,6 +19,7 @@ from app.routers.checks import check_routes
 from app.routers.evaluate import evaluate_routes
 from app.routers.gloss import gloss_routes
 from app.routers.slices import slice_routes
+from app.routers.sphere import sphere_routes
 from app.schemas import MaterialLine, MaterialList
 from app.state import state_of
 
@@ -54,6 +55,7 @@ def links(name: str, facts: dict[str, Any]) -> dict[str, str]:
         "page": f"/materials/{name}",
         "evaluate": f"{by_name}/evaluate",
         "slice": f"{by_name}/slice.svg?theta_i=30,60",
+        "sphere": f"{by_name}/sphere.png",
         "albedo": f"{by_name}/albedo?theta_i=0,30,60",
         "checks": f"{by_name}/checks",
         "gloss": f"{by_name}/gloss",
@@ -130,5 +132,5 @@ def _list_route() -> APIRouter:
 
 router = APIRouter()
 router.include_router(_list_route())
-for _part in (metadata_route, evaluate_routes, slice_routes, albedo_routes, check_routes, gloss_routes):
+for _part in (metadata_route, evaluate_routes, slice_routes, sphere_routes, albedo_routes, check_routes, gloss_routes):
     router.include_router(_part(BY_NAME_ADDRESS))

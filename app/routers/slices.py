@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from starlette.responses import Response
 import brdfcore as bc
 from app.addressing import Address
 from app.angles import AngleRequest, Array, Unit, check_values, in_radians, in_request_units
+from app.drawing import picture
 from app.json_codec import to_json
 from app.library import Material
 from app.openapi import answers, parameters, ref
@@ -116,11 +117,8 @@ def _add(router: APIRouter, address: Address, format: Format) -> None:
         if format in ("json", "csv"):
             body = await run_sync(_list, found.material, asked, format, limiter=state.working)
             return Response(body, 200, headers, media_type=media_type)
-        held = state.pictures.get(headers["etag"])
-        if held is None:
-            held = await run_sync(_draw, found.material, asked, format, limiter=state.drawing)
-            state.pictures.put(headers["etag"], held, len(held))
-        return Response(held, 200, headers, media_type=media_type)
+        drawn = await picture(state, headers["etag"], partial(_draw, found.material, asked, format))
+        return Response(drawn, 200, headers, media_type=media_type)
 
 
 def check_theta_i(theta_i: Array, settings: Settings) -> None:

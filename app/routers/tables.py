@@ -11,7 +11,8 @@ from app.routers.evaluate import evaluate_routes
 from app.routers.gloss import gloss_routes
 from app.routers.materials import metadata_route
 from app.routers.slices import slice_routes
+from app.routers.sphere import sphere_routes
 
 router = APIRouter()
-for _part in (metadata_route, evaluate_routes, slice_routes, albedo_routes, check_routes, gloss_routes):
+for _part in (metadata_route, evaluate_routes, slice_routes, sphere_routes, albedo_routes, check_routes, gloss_routes):
     router.include_router(_part(BY_ID_ADDRESS))

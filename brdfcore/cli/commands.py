@@ -32,6 +32,12 @@ class Angles(StrEnum):
 class View(StrEnum):
     polar = "polar"
     hemisphere = "hemisphere"
+    sphere = "sphere"
+
+
+class Light(StrEnum):
+    studio = "studio"
+    sky = "sky"
 
 
 class Scale(StrEnum):
@@ -265,21 +271,25 @@ def _rows(
     help="""Draw f_r as a picture (.png, .svg), or write the numbers behind it (.csv, .json).
 
 "polar" is the plane of incidence, the mirror side to the right; several sources are drawn over each other.
-"hemisphere" shows all viewers for one theta_i. With one source and one theta_i every channel is drawn, otherwise the
+"hemisphere" shows all viewers for one theta_i. "sphere" is a lit sphere of the material. With one source and one theta_i every channel is drawn, otherwise the
 middle one (G of R, G, B) unless --channel names another; the picture says which. An existing picture is replaced.
 
 \b
 Examples:
   brdf plot cook_torrance:roughness=0.1,ior=gold -o gold.png
   brdf plot paint.bsdf paint.h5 -o compare.svg --theta-i 45 --scale log
-  brdf plot gold.h5 -o gold.png --view hemisphere --theta-i 60 --scale log""",
+  brdf plot gold.h5 -o gold.png --view hemisphere --theta-i 60 --scale log
+  brdf plot gold.h5 -o gold.png --view sphere --light sky""",
 )
 def plot(
     sources: Annotated[list[str], typer.Argument(metavar="SOURCE...", show_default=False, help="Files or models.")],
     out: Annotated[Path, typer.Option("--out", "-o", help=".png, .svg, .csv or .json file.", show_default=False)],
     theta_i: Annotated[str | None, typer.Option(metavar="LIST", help="Light: 0,30,60; hemisphere: one, 30.")] = None,
-    view: Annotated[View, typer.Option(help="Plane of incidence, or all viewers.")] = View.polar,
-    scale: Annotated[Scale, typer.Option(help="Of f_r.")] = Scale.linear,
+    view: Annotated[View, typer.Option(help="Plane of incidence, all viewers, or a lit sphere.")] = View.polar,
+    scale: Annotated[Scale | None, typer.Option(help="Of f_r.  [default: linear]", show_default=False)] = None,
+    light: Annotated[
+        Light | None, typer.Option(help="Around the sphere.  [default: studio]", show_default=False)
+    ] = None,
     channel: Annotated[str | None, typer.Option(help="Name, wavelength or position.", show_default=False)] = None,
     title: Annotated[str | None, typer.Option(help="Instead of the sources.", show_default=False)] = None,
     dpi: Annotated[float, typer.Option(help="Of a .png, 20 to 1200.")] = 150.0,
@@ -290,7 +300,8 @@ def plot(
         raise InputError(
             "bad_extension", f"{out}: expected a name ending in .png, .svg, .csv or .json", where="--out", got=kind
         )
-    single = view is View.hemisphere or kind in ("csv", "json")
+    _check_sphere(view, kind, theta_i, scale, light)
+    single = view is not View.polar or kind in ("csv", "json")
     if single and len(sources) > 1:
         raise InputError("one_source", f"{view.value}, .{kind}: takes one SOURCE, got {len(sources)}", where="SOURCE")
     unit = angles.value
@@ -303,8 +314,20 @@ def plot(
         names = sources
     materials = {name: arguments.load(s) for name, s in zip(names, sources)}
     with replacing(out) as temporary:
-        temporary.write_bytes(_picture(materials, lights, kind, view, scale, channel, title, dpi, unit))
+        temporary.write_bytes(_picture(materials, lights, kind, view, scale, light, channel, title, dpi, unit))
     line(str(out))
+
+
+def _check_sphere(view: View, kind: str, theta_i: str | None, scale: Scale | None, light: Light | None) -> None:
+    """An option that the view has no use for is an error: it would be ignored in silence."""
+    if view is View.sphere:
+        if kind in ("csv", "json"):
+            raise InputError("bad_extension", f"sphere is a picture: .png or .svg, not .{kind}", where="--out", got=kind)
+        idle = "--theta-i" if theta_i is not None else "--scale" if scale is not None else None
+    else:
+        idle = "--light" if light is not None else None
+    if idle is not None:
+        raise InputError("options_exclude", f"--view {view.value} takes no {idle}: leave it out", where=idle)
 
 
 def _picture(
@@ -312,7 +335,8 @@ def _picture(
     lights: npt.NDArray[np.float64],
     kind: str,
     view: View,
-    scale: Scale,
+    scale: Scale | None,
+    light: Light | None,
     channel: str | None,
     title: str | None,
     dpi: float,
@@ -328,8 +352,11 @@ def _picture(
         from json import dumps
 
         return (dumps(data.to_json(unit)) + "\n").encode()
-    options: dict[str, Any] = {"scale": scale.value, "channel": channel, "dpi": dpi}
-    if view is View.hemisphere:
+    options: dict[str, Any] = {"scale": (scale or Scale.linear).value, "channel": channel, "dpi": dpi}
+    if view is View.sphere:
+        shone = (light or Light.studio).value
+        figure = pictures.sphere(first, shone, channel=channel, title=title or name, dpi=dpi)
+    elif view is View.hemisphere:
         figure = pictures.hemisphere(first, lights, title=title or name, **options)
     elif len(materials) == 1:
         figure = pictures.polar(first, lights, title=title or name, **options)

@@ -1,7 +1,7 @@
 """Pictures of any `Brdf`, and the numbers they are drawn from.
 
-`slice` and `SliceData` need numpy alone; `polar`, `hemisphere` (matplotlib Figures) and `render` (a Figure
-as PNG or SVG bytes) import matplotlib when first used.
+`slice`, `SliceData` and `render_sphere` need numpy alone; `polar`, `hemisphere`, `sphere` (matplotlib Figures) and
+`render` (a Figure as PNG or SVG bytes) import matplotlib when first used.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ _PUBLIC = {
     "slice": "brdfcore.plot.slices",
     "polar": "brdfcore.plot.half_disc",
     "hemisphere": "brdfcore.plot.disc",
+    "sphere": "brdfcore.plot.sphere",
+    "render_sphere": "brdfcore.plot.lit",
     "render": "brdfcore.plot.rendering",
 }
 
