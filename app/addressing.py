@@ -22,14 +22,22 @@ class Addressed:
     material: Material
     by_id: bool
 
-    def headers(self, request: Request, *kind: str) -> dict[str, str]:
+    @property
+    def title(self) -> str:
+        """What a picture calls it: by id nothing that may change while the id stays."""
+        return self.material.id[:12] if self.by_id else self.material.name
+
+    def headers(self, request: Request, *kind: str, lasting: bool = True) -> dict[str, str]:
         """ETag and caching headers of a GET answer; a name's answer also says where it stays for ever.
 
-        kind  what tells this answer from others at the same address: the media type that was asked for.
+        kind     what tells this answer from others at the same address: the media type that was asked for.
+        lasting  by id, the answer holds nothing but what the id is a digest of.
         """
+        if self.by_id and lasting:
+            return {"etag": etag_of(request, self.material.id, *kind), "cache-control": BY_ID}
         etag = etag_of(request, self.material.tag, *kind)
         if self.by_id:
-            return {"etag": etag, "cache-control": BY_ID}
+            return {"etag": etag, "cache-control": BY_NAME}
         rest = "".join(f"/{part}" for part in request.scope["path"].split("/")[4:])  # after /v1/materials/NAME
         query = f"?{given.decode('latin-1')}" if (given := request.scope["query_string"]) else ""
         return {

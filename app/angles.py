@@ -37,11 +37,33 @@ class AngleRequest(NamedTuple):
         sizes = (self.theta_i.size, self.theta_o.size, self.delta_phi.size)
         return 0 if 0 in sizes else max(sizes)
 
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of the values."""
+        return np.result_type(*self[:3])
+
+    @property
+    def single(self) -> bool:
+        """True if the values have no axis of points."""
+        return self.theta_i.ndim == self.theta_o.ndim == self.delta_phi.ndim == 0
+
+    def evaluate(self, brdf: bc.Brdf, out: Array | None = None) -> Array:
+        """f_r at the angles."""
+        return brdf.evaluate(*self.radians(), out=out, outside=self.outside)
+
+    def status(self, brdf: bc.Brdf) -> npt.NDArray[np.uint8]:
+        """Where each value comes from."""
+        return brdf.status(*self.radians())
+
+    def explained(self, error: bc.InputError) -> bc.InputError:
+        """The library's complaint in the request's own unit and index."""
+        return in_request_units(error, self)
+
     def radians(self) -> tuple[Array, Array, Array]:
         """What `Brdf.evaluate` takes, converted by the library's one conversion."""
         if self.unit == "rad":
             return self.theta_i, self.theta_o, self.delta_phi
-        if self.theta_i.ndim == self.theta_o.ndim == self.delta_phi.ndim == 0:  # one conversion instead of three
+        if self.single:  # one conversion instead of three
             all_three = bc.to_radians(np.array([self.theta_i, self.theta_o, self.delta_phi]))
             return all_three[0], all_three[1], all_three[2]
         return bc.to_radians(self.theta_i), bc.to_radians(self.theta_o), bc.to_radians(self.delta_phi)

@@ -13,11 +13,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import brdfcore as bc
-from app.angles import AngleRequest, Unit, in_request_units
+from app.angles import AngleRequest, Unit
 from app.binary import npy_head, precision_of
 from app.json_codec import array_to_json, to_header, to_json
 from app.library import Material
 from app.negotiation import Kind
+from app.vectors import VectorRequest
+
+#: What is asked for, in either form.
+Asked = AngleRequest | VectorRequest
 
 VALUE_UNIT = "1/sr"
 STATUS_NAMES = [s.name.lower() for s in bc.Status]
@@ -31,14 +35,17 @@ class Evaluated(NamedTuple):
     seconds: float
 
 
-def answer(material: Material, angles: AngleRequest, kind: Kind, status: bool) -> Evaluated:
-    """f_r at the angles. Raises `InputError` in the request's own unit and index."""
+def answer(material: Material, asked: Asked, kind: Kind, status: bool, *, lasting: bool = False) -> Evaluated:
+    """f_r at the directions. Raises `InputError` in the request's own unit and index.
+
+    lasting  the answer is kept for ever: leave out the measured error, which is a fact of a file, not of the values.
+    """
     try:
         if kind == "json":
-            return _json(material, angles, status)
-        return _numbers(material, angles, kind, status)
+            return _json(material, asked, status, lasting)
+        return _numbers(material, asked, kind, status, lasting)
     except bc.InputError as error:
-        raise in_request_units(error, angles) from error
+        raise asked.explained(error) from error
 
 
 def error_in_short(error: dict[str, Any]) -> dict[str, Any]:
@@ -46,40 +53,39 @@ def error_in_short(error: dict[str, Any]) -> dict[str, Any]:
     return {k: error[k] for k in ("l1", "l1_stderr", "warnings") if k in error}
 
 
-def _json(material: Material, angles: AngleRequest, status: bool) -> Evaluated:
-    brdf, radians = material.brdf, angles.radians()
+def _json(material: Material, asked: Asked, status: bool, lasting: bool) -> Evaluated:
     begun = time.perf_counter()
-    values = brdf.evaluate(*radians, outside=angles.outside)
+    values = asked.evaluate(material.brdf)
     seconds = time.perf_counter() - begun
     # floats are written by their shortest text, so that they read back to the same bits
     rows = array_to_json(values.reshape(-1, values.shape[-1]))
     extra = b""
     if status:
-        codes = array_to_json(brdf.status(*radians).reshape(-1))
+        codes = array_to_json(asked.status(material.brdf).reshape(-1))
         extra = b'"status":%b,"status_names":%b,' % (codes, to_json(STATUS_NAMES))
-    return Evaluated(b'{"values":%b,%b%b' % (rows, extra, _tail(material, angles.unit)), {}, seconds)
+    return Evaluated(b'{"values":%b,%b%b' % (rows, extra, tail(material, asked.unit, lasting)), {}, seconds)
 
 
-def _tail(material: Material, unit: Unit) -> bytes:
+def tail(material: Material, unit: Unit | None, lasting: bool) -> bytes:
     """The fields after the values, without their opening brace; they are the same for every answer."""
-    held: dict[str, bytes] = material.parts
-    if unit not in held:
+    held, key = material.parts, f"{unit} {lasting}"
+    if key not in held:
         fields = {
             "channels": material.brdf.channels.to_json(),
             "unit": VALUE_UNIT,
-            "angles": unit,
+            **({} if unit is None else {"angles": unit}),
             "id": material.id,
-            "error": error_in_short(material.facts["error"]),
+            **({} if lasting else {"error": error_in_short(material.facts["error"])}),
             "has_delta": bool(material.brdf.has_delta),
         }
-        held[unit] = to_json(fields)[1:]
-    return held[unit]
+        held[key] = to_json(fields)[1:]
+    return held[key]
 
 
-def _numbers(material: Material, angles: AngleRequest, kind: Kind, status: bool) -> Evaluated:
-    brdf, radians = material.brdf, angles.radians()
-    shape = (angles.points, len(brdf.channels))
-    dtype = np.result_type(*radians)
+def _numbers(material: Material, asked: Asked, kind: Kind, status: bool, lasting: bool) -> Evaluated:
+    brdf = material.brdf
+    shape = (asked.points, len(brdf.channels))
+    dtype = asked.dtype
     precision = precision_of(np.empty(0, dtype))
     head = npy_head(shape, f"<{precision}") if kind == "npy" else b""
     tail = npy_head(shape[:1], "|u1") if kind == "npy" and status else b""
@@ -89,30 +95,30 @@ def _numbers(material: Material, angles: AngleRequest, kind: Kind, status: bool)
     body[: len(head)] = np.frombuffer(head, np.uint8)
     values = body[len(head) : end].view(dtype).reshape(shape)
     # scalars broadcast to one point, whose result has no axis of points
-    out = values[0] if all(a.ndim == 0 for a in radians) else values
+    out = values[0] if asked.single else values
     begun = time.perf_counter()
-    brdf.evaluate(*radians, out=out, outside=angles.outside)
+    asked.evaluate(brdf, out)
     seconds = time.perf_counter() - begun
     if not np.little_endian:
         values.byteswap(inplace=True)
     if status:
         body[end : end + len(tail)] = np.frombuffer(tail, np.uint8)
-        body[end + len(tail) :] = brdf.status(*radians).reshape(-1)
+        body[end + len(tail) :] = asked.status(brdf).reshape(-1)
     headers = {
-        "x-brdf-angles": angles.unit,
+        **({} if asked.unit is None else {"x-brdf-angles": asked.unit}),
         "x-brdf-dtype": precision,
         "x-brdf-shape": f"{shape[0]},{shape[1]}",
-        **_facts(material),
+        **_facts(material, lasting),
     }
     return Evaluated(memoryview(body.data), headers, seconds)
 
 
-def _facts(material: Material) -> dict[str, str]:
+def _facts(material: Material, lasting: bool) -> dict[str, str]:
     """What a JSON answer says beside its values, as headers: JSON in ASCII, so that no name can break out."""
     error = {k: v for k, v in error_in_short(material.facts["error"]).items() if k != "warnings"}
     return {
         "x-brdf-channels": to_header(material.brdf.channels.to_json()),
         "x-brdf-id": material.id,
-        "x-brdf-error": to_header(error),
+        **({} if lasting else {"x-brdf-error": to_header(error)}),
         "x-brdf-has-delta": "true" if material.brdf.has_delta else "false",
     }

@@ -1,7 +1,9 @@
-"""Angles as plain numbers: three C-order rows theta_i, theta_o, delta_phi, bare or as a .npy file of shape (3, n)."""
+"""Directions as plain numbers, bare or as a .npy file: angles in three C-order rows theta_i, theta_o, delta_phi, shape
+(3, n), or vectors in two C-order blocks wi, wo, shape (2, n, 3)."""
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 from typing import Any, Literal
@@ -14,6 +16,7 @@ from app.angles import AngleRequest, Array, Outside, Unit, check_points
 from app.bodies import Bytes
 from app.errors import MalformedBodyError
 from app.settings import Settings
+from app.vectors import VectorRequest
 
 Precision = Literal["f4", "f8"]
 
@@ -48,13 +51,42 @@ def angles_from_octets(
     return _rows(body.view(f"<{precision}").reshape(3, -1), unit, outside)
 
 
+def vectors_from_octets(body: Bytes, precision: Precision, settings: Settings) -> VectorRequest:
+    """The vectors of an octet-stream body: views into it."""
+    row = 6 * int(precision[1])
+    if len(body) % row:
+        raise bc.InputError(
+            "bad_length",
+            f"the body has {len(body)} bytes; expected a multiple of {row}: two blocks of three {precision} numbers a "
+            "point",
+            where="body",
+            got=len(body),
+            expected=f"a multiple of {row}",
+        )
+    check_points(len(body) // row, settings)
+    return _vectors(body.view(f"<{precision}").reshape(2, -1, 3))
+
+
+def vectors_from_npy(body: Bytes, precision: Precision | None, settings: Settings) -> VectorRequest:
+    """The vectors of a .npy body of shape (2, n, 3). Raises `MalformedBodyError` for what is no such file."""
+    return _vectors(_npy_array(body, precision, (2, None, 3), settings))
+
+
 def angles_from_npy(
     body: Bytes, precision: Precision | None, unit: Unit, outside: Outside, settings: Settings
 ) -> AngleRequest:
     """The angles of a .npy body of shape (3, n). Raises `MalformedBodyError` for what is no such file."""
+    return _rows(_npy_array(body, precision, (3, None), settings), unit, outside)
+
+
+def _npy_array(
+    body: Bytes, precision: Precision | None, wanted_shape: tuple[int | None, ...], settings: Settings
+) -> npt.NDArray[Any]:
+    """The array of a .npy body, of that shape; None stands for the number of points."""
     dtype, fortran, shape, start = _npy_header(body)
-    expected = "a .npy array of shape (3, n), float32 or float64"
-    if dtype not in ("<f4", "<f8", ">f4", ">f8", "=f4", "=f8") or len(shape) != 2 or shape[0] != 3:
+    expected = f"a .npy array of shape {str(wanted_shape).replace('None', 'n')}, float32 or float64"
+    fits = len(shape) == len(wanted_shape) and all(w in (None, n) for w, n in zip(wanted_shape, shape, strict=True))
+    if dtype not in ("<f4", "<f8", ">f4", ">f8", "=f4", "=f8") or not fits:
         raise bc.InputError(
             "bad_array",
             f"the array is {dtype} of shape {shape}; expected {expected}",
@@ -67,7 +99,7 @@ def angles_from_npy(
             "given_twice", f"dtype: the query says {precision}, the file {dtype[1:]}", where="dtype", expected=dtype[1:]
         )
     check_points(shape[1], settings)
-    wanted = 3 * shape[1] * int(dtype[2])
+    wanted = math.prod(shape) * int(dtype[2])
     if len(body) - start != wanted:
         raise MalformedBodyError(
             "bad_npy",
@@ -78,8 +110,7 @@ def angles_from_npy(
             expected=wanted,
         )
     flat = body[start:].view(dtype.replace("=", "<"))
-    rows = flat.reshape(shape[1], 3).T if fortran else flat.reshape(3, -1)
-    return _rows(rows, unit, outside)
+    return flat.reshape(shape[::-1]).T if fortran else flat.reshape(shape)
 
 
 def npy_head(shape: tuple[int, ...], dtype: str) -> bytes:
@@ -92,6 +123,11 @@ def npy_head(shape: tuple[int, ...], dtype: str) -> bytes:
 def _rows(rows: npt.NDArray[Any], unit: Unit, outside: Outside) -> AngleRequest:
     native: Array = rows.astype(rows.dtype.newbyteorder("="), copy=False)
     return AngleRequest(native[0], native[1], native[2], unit, outside)
+
+
+def _vectors(blocks: npt.NDArray[Any]) -> VectorRequest:
+    native: Array = blocks.astype(blocks.dtype.newbyteorder("="), copy=False)
+    return VectorRequest(native[0], native[1])
 
 
 def _npy_header(body: Bytes) -> tuple[str, bool, tuple[int, ...], int]:

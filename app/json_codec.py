@@ -9,50 +9,132 @@ from __future__ import annotations
 import array
 import contextlib
 import json
-from typing import Any
+import threading
+from itertools import chain
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import orjson
 
+try:
+    import simdjson
+except ModuleNotFoundError:  # faster where it is; orjson does all of it
+    simdjson = None  # type: ignore[assignment]
+
 import brdfcore as bc
 from app.angles import ANGLE_NAMES, AngleRequest, Outside, Unit
 from app.errors import MalformedBodyError
+from app.vectors import EXPECTED, VECTOR_NAMES, VectorRequest
 
 #: Values encoded at a time: the interpreter's lock is held meanwhile, and other requests must get a turn in between.
 _VALUES = 65_536
+Floats = npt.NDArray[np.float64]
+_held = threading.local()
+#: What a body may hold.
+Form = Literal["angles", "vectors"]
+_SORTED = sorted(ANGLE_NAMES)
 _KNOWN = (*ANGLE_NAMES, "angles")
 
 
-def angles_from_json(body: bytes, unit: Unit | None, outside: Outside) -> AngleRequest:
-    """The angles of an evaluate request's JSON body; `unit` and `outside` are what the query says.
+def directions_from_json(
+    body: bytes, form: Form | None, unit: Unit | None, outside: Outside
+) -> AngleRequest | VectorRequest:
+    """The angles or the vectors of an evaluate request's JSON body; which, its fields say. `form`, `unit` and `outside`
+    are what the query says.
 
     Raises `MalformedBodyError` for what is no JSON, `InputError` naming field and index for what is no number.
     """
+    if form != "vectors":
+        found = _flat_lists(body)
+        if found is not None:
+            return AngleRequest(*found, unit or "deg", outside)
     content = _load_numbers(body)
-    plain = b"u" not in body and b"f" not in body  # neither true nor false: no other word here has these letters
     if not isinstance(content, dict):
+        known = " and ".join(VECTOR_NAMES) if form == "vectors" else ", ".join(ANGLE_NAMES)
         raise bc.InputError(
             "bad_body",
-            f"the body must be a JSON object with {', '.join(ANGLE_NAMES)}; got {_kind(content)}",
+            f"the body must be a JSON object with {known}; got {_kind(content)}",
             where="body",
             got=_kind(content),
             expected="an object",
         )
+    if form == "vectors" or (form is None and not content.keys().isdisjoint(VECTOR_NAMES)):
+        _check_fields(content, VECTOR_NAMES, VECTOR_NAMES, EXPECTED)
+        return VectorRequest(*(_directions(name, content[name]) for name in VECTOR_NAMES))
+    _check_fields(content, _KNOWN, ANGLE_NAMES, "a number or a list of numbers")
+    plain = b"u" not in body and b"f" not in body  # neither true nor false: no other word here has these letters
+    a, b, c = (_numbers(name, content[name], plain) for name in ANGLE_NAMES)
+    return AngleRequest(a, b, c, _unit(content, unit), outside)
+
+
+def _check_fields(content: dict[str, Any], known: tuple[str, ...], needed: tuple[str, ...], expected: str) -> None:
     for key in content:
-        if key not in _KNOWN:
-            raise unknown_field(key, _KNOWN)
-    found = []
-    for name in ANGLE_NAMES:
+        if key not in known:
+            raise unknown_field(key, known)
+    for name in needed:
         if name not in content:
-            raise bc.InputError(
-                "field_missing",
-                f"{name} is missing from the body",
-                where=name,
-                expected="a number or a list of numbers",
-            )
-        found.append(_numbers(name, content[name], plain))
-    return AngleRequest(found[0], found[1], found[2], _unit(content, unit), outside)
+            raise bc.InputError("field_missing", f"{name} is missing from the body", where=name, expected=expected)
+
+
+def _flat_lists(body: bytes) -> tuple[Floats, Floats, Floats] | None:
+    """The three angles of a body that holds just them, each a flat list of numbers, and nothing else. None: read it in
+    another way, which also says what is wrong with it.
+
+    simdjson puts a list of numbers straight into memory where orjson makes a Python object of each; the bits are the
+    same (both round to the nearest).
+    """
+    # a nested list would be flattened in silence: there must be three brackets
+    if simdjson is None or body.count(b"[") != 3:
+        return None
+    try:
+        content: Any = _parser().parse(body)
+        if sorted(content) != _SORTED:  # a key twice is there twice
+            return None
+        a, b, c = (np.frombuffer(content[name].as_buffer(of_type="d"), np.float64) for name in ANGLE_NAMES)
+    except (ValueError, TypeError, RuntimeError, AttributeError, KeyError):  # no JSON, no list, no number
+        return None
+    return a, b, c
+
+
+def _parser() -> Any:
+    """One for each thread: it keeps its memory, and must not be used while a document of it is."""
+    if not hasattr(_held, "parser"):
+        _held.parser = simdjson.Parser()
+    return _held.parser
+
+
+def _directions(name: str, value: Any) -> npt.NDArray[np.float64]:
+    """[x, y, z] as an array (3,), a list of them as (n, 3)."""
+    if type(value) is not list:
+        raise _no_direction(name, value, [])
+    one = bool(value) and type(value[0]) is not list
+    rows = [value] if one else value
+    for index, row in enumerate(rows):
+        if type(row) is not list or len(row) != 3:
+            raise _no_direction(name, row, [] if one else [index])
+    flat = list(chain.from_iterable(rows))
+    if not set(map(type, flat)) <= {int, float}:
+        place = next(k for k, x in enumerate(flat) if type(x) not in (int, float))
+        raise _no_direction(name, flat[place], [place] if one else [place // 3, place % 3], "a number")
+    try:
+        numbers = np.array(flat, np.float64)
+    except OverflowError as error:
+        raise _no_direction(name, value, [], "numbers that fit a float") from error
+    return numbers if one else numbers.reshape(-1, 3)
+
+
+def _no_direction(name: str, got: Any, index: list[int], expected: str = EXPECTED) -> bc.InputError:
+    place = name + "".join(f"[{k}]" for k in index)
+    length = f" of {len(got)}" if type(got) is list else ""
+    return bc.InputError(
+        "not_a_direction",
+        f"{place}: expected {expected}, got {_kind(got)}{length}",
+        where=name,
+        index=index,
+        got=f"{_kind(got)}{length}",
+        expected=expected,
+    )
 
 
 def unknown_field(key: str, known: tuple[str, ...], where: str = "body") -> bc.UnknownNameError:

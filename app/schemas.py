@@ -15,6 +15,10 @@ Unit = Literal["deg", "rad"]
 Angle = Annotated[float | list[float], Field(description="a number, or a list of them; lists broadcast as in numpy")]
 
 
+Direction = Annotated[list[float], Field(min_length=3, max_length=3)]
+Vectors = Annotated[Direction | list[Direction], Field(description="a direction [x, y, z], or a list of them")]
+
+
 class Strict(BaseModel):
     """No field beside those listed."""
 
@@ -32,6 +36,13 @@ class EvaluateRequest(Strict):
     angles: Unit = Field("deg", description="unit of the angles")
 
 
+class EvaluateVectors(Strict):
+    """Directions to evaluate at as vectors, the normal being +z; they need not be of unit length."""
+
+    wi: Vectors = Field(description="towards the light", examples=[[0, 0, 1]])
+    wo: Vectors = Field(description="towards the viewer", examples=[[[0, 0, 1], [0.5, 0, 0.8]]])
+
+
 class ErrorInShort(Strict):
     """Measured error of a table. Absent fields: not measured, or nothing to measure because the values are exact."""
 
@@ -46,9 +57,13 @@ class EvaluateAnswer(Strict):
     values: list[list[float | None]] = Field(description="values[point][channel]; null where a value is not finite")
     channels: list[str | float] = Field(description="names of the channels, or their wavelengths in nm")
     unit: Literal["1/sr"]
-    angles: Unit = Field(description="unit that the angles of the request were read in")
+    angles: Unit | None = Field(None, description="unit that the request's angles were read in; absent for vectors")
     id: str = Field(description="digest of everything the values depend on")
-    error: ErrorInShort = Field(description="measured error of the table against its source; empty if there is none")
+    error: ErrorInShort | None = Field(
+        None,
+        description="measured error of the table against its source; empty if there is none. Absent from a GET by id, "
+        "which is kept for ever: the metadata has it",
+    )
     has_delta: bool = Field(description="true if a perfect mirror part exists, which the values leave out")
     status: list[int] | None = Field(None, description="with status=true: where each point's value comes from")
     status_names: list[str] | None = Field(None, description="what the numbers in status mean: names by position")
@@ -323,6 +338,7 @@ class Problem(Strict):
 
 SCHEMAS: tuple[type[BaseModel], ...] = (
     EvaluateRequest,
+    EvaluateVectors,
     EvaluateAnswer,
     AlbedoAnswer,
     ChecksAnswer,

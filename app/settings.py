@@ -33,6 +33,9 @@ class Settings(BaseModel):
     max_values: int = Field(4_000_000, ge=1, description="most values (points x channels) of one JSON answer")
     max_theta_i: int = Field(16, ge=1, description="most angles of incidence in one slice")
     max_body_bytes: int = Field(64 * MB, ge=1, description="most bytes of a request body, counted as received")
+    max_json_bytes: int = Field(
+        4 * MB, ge=1, description="most bytes of a JSON body of angles or vectors; plain numbers take max_body_bytes"
+    )
     body_seconds: float = Field(60, gt=0, description="seconds in which a request body must have arrived")
     max_upload_bytes: int = Field(256 * MB, ge=1, description="most bytes of an uploaded file, counted as received")
     upload_seconds: float = Field(600, gt=0, description="seconds in which an upload must have arrived")

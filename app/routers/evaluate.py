@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any
 
 from anyio.to_thread import run_sync
@@ -10,19 +11,19 @@ from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
 
-from app.addressing import Address
+from app.addressing import Address, Addressed
 from app.angles import AngleRequest, Unit, check_points, check_values
-from app.answers import Evaluated, answer
-from app.binary import angles_from_npy, angles_from_octets
-from app.bodies import read_array, read_bytes
-from app.json_codec import angles_from_json
+from app.answers import Asked, Evaluated, answer
+from app.binary import angles_from_npy, angles_from_octets, vectors_from_npy, vectors_from_octets
+from app.bodies import read_array, read_json_numbers
+from app.json_codec import directions_from_json
 from app.lean import Lean
-from app.library import Material
 from app.negotiation import MEDIA_TYPES, Kind, kind_of_answer, kind_of_body
 from app.openapi import answers, parameters, ref
 from app.query import ANGLES, OUTSIDE, QueryParameter, choice, flag, parse_numbers, parse_query
-from app.schemas import EvaluateAnswer, EvaluateRequest
+from app.schemas import EvaluateAnswer, EvaluateRequest, EvaluateVectors
 from app.state import State, state_of
+from app.vectors import VectorRequest, no_angle_options
 
 #: Answers of up to this many values are made in the event loop: a thread would cost more than they do. Tables are
 #: compiled loops, and up to here not parallel ones; a model may take a microsecond a value.
@@ -66,6 +67,14 @@ POST_QUERY = (
         {"type": "string", "enum": ["f4", "f8"]},
         default=None,
     ),
+    QueryParameter(
+        "input",
+        "what the body holds: angles theta_i, theta_o, delta_phi, or vectors wi, wo of shape (n, 3), normal +z; "
+        "default: what a JSON body's fields say, else angles",
+        choice("angles", "vectors"),
+        {"type": "string", "enum": ["angles", "vectors"]},
+        default=None,
+    ),
     OUTSIDE,
     STATUS,
 )
@@ -76,7 +85,7 @@ _ANSWER = {
     MEDIA_TYPES["npy"]: _BYTES,
 }
 _BODY = {
-    MEDIA_TYPES["json"]: {"schema": ref(EvaluateRequest)},
+    MEDIA_TYPES["json"]: {"schema": {"anyOf": [ref(EvaluateRequest), ref(EvaluateVectors)]}},
     MEDIA_TYPES["octet"]: _BYTES,
     MEDIA_TYPES["npy"]: _BYTES,
 }
@@ -98,7 +107,7 @@ async def evaluate_get(request: Request, address: Address) -> Response:
     # angles are only checked while they are evaluated; a wrong question still gets no 304, as its ETag was never
     # given out
     return found.unchanged(request, headers) or await _answer(
-        request, state, found.material, angles, kind, given["status"], headers
+        request, state, found, angles, kind, given["status"], headers, lasting=found.by_id
     )
 
 
@@ -109,40 +118,49 @@ async def evaluate_post(request: Request, address: Address) -> Response:
     sent = kind_of_body(request.headers)
     kind = kind_of_answer(request.headers, sent)
     found = await address.find(request)
-    angles = await _angles(request, sent, given, state)
+    asked = await _asked(request, sent, given, state)
+    if isinstance(asked, VectorRequest):
+        no_angle_options(given["angles"], given["outside"], given["status"])
     headers = {"cache-control": "no-store"}
-    return await _answer(request, state, found.material, angles, kind, given["status"], headers)
+    return await _answer(request, state, found, asked, kind, given["status"], headers)
 
 
 HANDLERS: dict[str, Callable[[Request, Address], Awaitable[Response]]] = {"GET": evaluate_get, "POST": evaluate_post}
 
 
-async def _angles(request: Request, sent: Kind, given: dict[str, Any], state: State) -> AngleRequest:
-    settings = state.settings
+async def _asked(request: Request, sent: Kind, given: dict[str, Any], state: State) -> Asked:
+    settings, vectors = state.settings, given["input"] == "vectors"
     limit, seconds = settings.max_body_bytes, settings.body_seconds
     unit: Unit = given["angles"] or "deg"
     if sent == "octet":
         body = await read_array(request, limit, seconds)
+        if vectors:
+            return vectors_from_octets(body, given["dtype"] or "f8", settings)
         return angles_from_octets(body, given["dtype"] or "f8", unit, given["outside"], settings)
     if sent == "npy":
         body = await read_array(request, limit, seconds)
+        if vectors:
+            return vectors_from_npy(body, given["dtype"], settings)
         return angles_from_npy(body, given["dtype"], unit, given["outside"], settings)
-    text = await read_bytes(request, limit, seconds)
+    text = await read_json_numbers(request, settings)
+    options = (given["input"], given["angles"], given["outside"])
     if len(text) <= INLINE_BODY:
-        return angles_from_json(text, given["angles"], given["outside"])
-    return await run_sync(angles_from_json, text, given["angles"], given["outside"], limiter=state.working)
+        return directions_from_json(text, *options)
+    return await run_sync(directions_from_json, text, *options, limiter=state.working)
 
 
 async def _answer(
     request: Request,
     state: State,
-    material: Material,
-    angles: AngleRequest,
+    found: Addressed,
+    asked: Asked,
     kind: Kind,
     status: bool,
     headers: dict[str, str],
+    *,
+    lasting: bool = False,
 ) -> Response:
-    points = angles.points
+    material, points = found.material, asked.points
     check_points(points, state.settings)
     values = points * len(material.brdf.channels)
     check_values(values, state.settings)
@@ -150,10 +168,10 @@ async def _answer(
     if (
         values <= INLINE_VALUES[material.facts["kind"]] and state.ready
     ):  # before that a kernel may have to be compiled first
-        made = answer(material, angles, kind, status)
+        made = answer(material, asked, kind, status, lasting=lasting)
     else:
         limiter = state.large if values > LARGE_VALUES else state.working
-        made = await run_sync(answer, material, angles, kind, status, limiter=limiter)
+        made = await run_sync(partial(answer, material, asked, kind, status, lasting=lasting), limiter=limiter)
     state.metrics.lookups += points
     state.metrics.lookup_seconds += made.seconds
     request.scope["brdf.lookup_seconds"] = made.seconds
@@ -181,10 +199,11 @@ def evaluate_routes(address: Address) -> APIRouter:
         f"{address.prefix}/evaluate",
         summary="f_r at the angles of the body",
         description="For lists too long for a URL. JSON; or an octet-stream of three C-order rows theta_i, theta_o, "
-        "delta_phi; or a .npy file of shape (3, n). The Accept header picks the kind of the answer, by default the "
-        "body's own: JSON; an octet-stream of values[point][channel]; or a .npy file. With status=true one byte a "
-        "point follows the values, or a second .npy. The headers X-Brdf-Shape, -Dtype, -Channels, -Angles, -Id, "
-        "-Error and -Has-Delta say the rest.",
+        "delta_phi; or a .npy file of shape (3, n). Vectors instead of angles: the JSON fields wi and wo, or with "
+        "input=vectors two C-order blocks wi and wo of (n, 3) numbers, or a .npy file of shape (2, n, 3). The Accept "
+        "header picks the kind of the answer, by default the body's own: JSON; an octet-stream of "
+        "values[point][channel]; or a .npy file. With status=true one byte a point follows the values, or a second "
+        ".npy. The headers X-Brdf-Shape, -Dtype, -Channels, -Angles, -Id, -Error and -Has-Delta say the rest.",
         operation_id=f"evaluate_post_{address.label}",
         responses=answers(_ANSWER, "values[point][channel]", _POST_REFUSALS, cached=False),
         openapi_extra={

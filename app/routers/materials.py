@@ -88,7 +88,8 @@ def metadata_route(address: Address) -> APIRouter:
     async def metadata(request: Request) -> Response:
         parse_query(request.scope["query_string"], ())
         found = await address.find(request)
-        headers = found.headers(request)
+        # a file's name, its source and its measured error may be others tomorrow for the same id
+        headers = found.headers(request, lasting=False)
         body = to_json(with_links(found.material.name, found.material.facts))
         return found.unchanged(request, headers) or Response(body, 200, headers, media_type="application/json")
 

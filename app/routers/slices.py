@@ -13,7 +13,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 import brdfcore as bc
-from app.addressing import Address
+from app.addressing import Address, Addressed
 from app.angles import AngleRequest, Array, Unit, check_values, in_radians, in_request_units
 from app.drawing import picture
 from app.json_codec import to_json
@@ -117,7 +117,7 @@ def _add(router: APIRouter, address: Address, format: Format) -> None:
         if format in ("json", "csv"):
             body = await run_sync(_list, found.material, asked, format, limiter=state.working)
             return Response(body, 200, headers, media_type=media_type)
-        drawn = await picture(state, headers["etag"], partial(_draw, found.material, asked, format))
+        drawn = await picture(state, headers["etag"], partial(_draw, found, asked, format))
         return Response(drawn, 200, headers, media_type=media_type)
 
 
@@ -151,9 +151,9 @@ def _directions(view: Literal["polar", "hemisphere"]) -> int:
     return int(values.size)
 
 
-def _draw(material: Material, asked: SliceRequest, format: Format) -> bytes:
-    brdf, theta_i = material.brdf, in_radians(asked.theta_i, asked.angles)
-    looks: dict[str, Any] = {"scale": asked.scale, "channel": asked.channel, "title": material.name}
+def _draw(found: Addressed, asked: SliceRequest, format: Format) -> bytes:
+    brdf, theta_i = found.material.brdf, in_radians(asked.theta_i, asked.angles)
+    looks: dict[str, Any] = {"scale": asked.scale, "channel": asked.channel, "title": found.title}
     try:
         if asked.view == "polar":
             figure = bc.plot.polar(brdf, np.atleast_1d(theta_i), **looks)

@@ -10,9 +10,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 import brdfcore as bc
-from app.addressing import Address
+from app.addressing import Address, Addressed
 from app.drawing import picture
-from app.library import Material
 from app.openapi import answers, parameters
 from app.query import QueryParameter, choice, parse_query, text, whole_number
 from app.state import state_of
@@ -75,18 +74,18 @@ def sphere_routes(address: Address) -> APIRouter:
         unchanged = found.unchanged(request, headers)
         if unchanged is not None:
             return unchanged
-        drawn = await picture(state_of(request), headers["etag"], partial(_draw, found.material, asked))
+        drawn = await picture(state_of(request), headers["etag"], partial(_draw, found, asked))
         return Response(drawn, 200, headers, media_type="image/png")
 
     return router
 
 
-def _draw(material: Material, asked: _Asked) -> bytes:
+def _draw(found: Addressed, asked: _Asked) -> bytes:
     figure = bc.plot.sphere(
-        material.brdf,
+        found.material.brdf,
         asked.light,
         channel=asked.channel,
-        title=material.name,
+        title=found.title,
         size=_INCHES,
         dpi=asked.size / _INCHES[0],
     )

@@ -271,8 +271,9 @@ def _rows(
     help="""Draw f_r as a picture (.png, .svg), or write the numbers behind it (.csv, .json).
 
 "polar" is the plane of incidence, the mirror side to the right; several sources are drawn over each other.
-"hemisphere" shows all viewers for one theta_i. "sphere" is a lit sphere of the material. With one source and one theta_i every channel is drawn, otherwise the
-middle one (G of R, G, B) unless --channel names another; the picture says which. An existing picture is replaced.
+"hemisphere" shows all viewers for one theta_i. "sphere" is a lit sphere of the material. With one source and one
+theta_i every channel is drawn, otherwise the middle one (G of R, G, B) unless --channel names another; the picture says
+which. An existing picture is replaced.
 
 \b
 Examples:
@@ -322,7 +323,9 @@ def _check_sphere(view: View, kind: str, theta_i: str | None, scale: Scale | Non
     """An option that the view has no use for is an error: it would be ignored in silence."""
     if view is View.sphere:
         if kind in ("csv", "json"):
-            raise InputError("bad_extension", f"sphere is a picture: .png or .svg, not .{kind}", where="--out", got=kind)
+            raise InputError(
+                "bad_extension", f"sphere is a picture: .png or .svg, not .{kind}", where="--out", got=kind
+            )
         idle = "--theta-i" if theta_i is not None else "--scale" if scale is not None else None
     else:
         idle = "--light" if light is not None else None

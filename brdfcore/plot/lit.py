@@ -48,9 +48,7 @@ class Lit(NamedTuple):
     not_finite: int
 
 
-def render_sphere(
-    b: Brdf, size: int = 256, light: Light = "studio", *, channel: str | float | None = None
-) -> Array:
+def render_sphere(b: Brdf, size: int = 256, light: Light = "studio", *, channel: str | float | None = None) -> Array:
     """Radiance of a lit sphere, linear, (size, size, channels), float64; first row on top, 0 around the sphere.
 
     b        any material; its mirror part shows the light itself. f_r is not clamped: a pixel may be negative.
@@ -188,10 +186,9 @@ def _rule(tilt: float, bilateral: bool) -> _Rule:
     dr, dc = rows - r, columns - c
     places = [(r + i) * _COLUMNS + (c + j) % _COLUMNS for i in (0, 1) for j in (0, 1)]
     parts = [weight * wr * wc for wr in (1 - dr, dr) for wc in (1 - dc, dc)]
-    both = np.concatenate([theta_cell, np.minimum(theta, conventions.HALF_PI)])
-    return _Rule(
-        tilt, both, np.concatenate([delta_cell, delta]), row * _COLUMNS + column, share, np.stack(places), np.stack(parts)
-    )
+    thetas = np.concatenate([theta_cell, np.minimum(theta, conventions.HALF_PI)])
+    deltas = np.concatenate([delta_cell, delta])
+    return _Rule(tilt, thetas, deltas, row * _COLUMNS + column, share, np.stack(places), np.stack(parts))
 
 
 def _kernel(b: Brdf, rule: _Rule, weights: Array) -> tuple[npt.NDArray[np.float32], int]:

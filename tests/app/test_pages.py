@@ -124,11 +124,14 @@ def test_start_page_in_pages(data: Path, client: TestClient) -> None:
     assert "/?offset=0" in second.links
 
 
+SPHERE = "/v1/materials/red/sphere.png"
+
+
 def test_material_page_shows_what_is_asked(shared_client: TestClient) -> None:
     page = page_of(shared_client, "/materials/red?theta_i=45&view=hemisphere&scale=linear&channel=B")
-    assert page.images == ["/v1/materials/red/slice.svg?theta_i=45&view=hemisphere&scale=linear&channel=B"]
+    assert page.images == ["/v1/materials/red/slice.svg?theta_i=45&view=hemisphere&scale=linear&channel=B", SPHERE]
     default = page_of(shared_client, "/materials/red?channel=")
-    assert default.images == ["/v1/materials/red/slice.svg?theta_i=0,30,60&view=polar&scale=log"]
+    assert default.images == ["/v1/materials/red/slice.svg?theta_i=0,30,60&view=polar&scale=log", SPHERE]
 
 
 def test_material_page_refusals(shared_client: TestClient) -> None:

@@ -176,7 +176,8 @@ def test_observer(nm: float, xyz: tuple[float, float, float]) -> None:
 
 def test_srgb() -> None:
     """IEC 61966-2-1: 0.18 is code 118, 0.5 code 188, the linear part ends at 0.04045."""
-    assert np.rint(255 * colour.to_srgb(np.array([0.0, 0.18, 0.5, 1.0, 7.0, -1.0]))).tolist() == [0, 118, 188, 255, 255, 0]
+    codes = 255 * colour.to_srgb(np.array([0.0, 0.18, 0.5, 1.0, 7.0, -1.0]))
+    assert np.rint(codes).tolist() == [0, 118, 188, 255, 255, 0]
     assert colour.to_srgb(np.array([0.0031308]))[0] == pytest.approx(0.04045, abs=1e-5)
 
 
