@@ -60,10 +60,9 @@ class AsyncMaterial(Described):
         """f_r in 1/sr from directions of shape (..., 3); see `Brdf.evaluate_vectors` and `RemoteBrdf`."""
         vectors = conventions.flatten_vectors(wi, wo)
         values = conventions.prepare_out(out, (*vectors.shape, len(self.channels)), vectors.dtype)
-        above = (vectors.wi[:, 2] > 0) & (vectors.wo[:, 2] > 0)
-        angles = self._angles(vectors.wi[above], vectors.wo[above], values.dtype)
-        flat = np.zeros((above.size, len(self.channels)), values.dtype)
-        flat[above] = self._rounded(await self._evaluate(*angles), values.dtype)
+        flat = np.empty((vectors.wi.shape[0], len(self.channels)), vectors.dtype)
+        wi_sent, wo_sent = self._as_given(wi, wo, vectors)
+        await self._run(exchanges.evaluate_vectors(self.id, self.name, wi_sent, wo_sent, flat, self._connection))
         values[...] = flat.reshape(values.shape)
         return values
 

@@ -117,6 +117,15 @@ def evaluate(id: str, angles: tuple[FloatArray, FloatArray, FloatArray], *, stat
     return Call("POST", path_of("tables", id, "evaluate", query=query), headers, content)
 
 
+def evaluate_vectors(id: str, wi: FloatArray, wo: FloatArray) -> Call:
+    """f_r of n pairs of directions by id: wi and wo of shape (n, 3), both float32 or both float64, as they are."""
+    name, wire = _WIRE[wi.dtype]
+    content = b"".join(np.ascontiguousarray(x, wire).data.cast("B") for x in (wi, wo))
+    headers = {"accept": BINARY, "content-type": BINARY, "accept-encoding": "identity"}
+    path = path_of("tables", id, "evaluate", query={"dtype": name, "input": "vectors"})
+    return Call("POST", path, headers, content)
+
+
 def read_values(answer: Answer, out: FloatArray) -> None:
     """The values of an `evaluate` answer into `out` (n, channels). Raises `ServiceError` if they don't fit it."""
     _check_binary(answer, out.dtype, out.shape, 0)

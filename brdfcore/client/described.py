@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore import conventions
 from brdfcore.brdf import Channels
 from brdfcore.client.connection import Connection
 from brdfcore.conventions import FloatArray
-from brdfcore.geometry import angles_from_vectors
 
 
 class Described:
@@ -59,18 +59,12 @@ class Described:
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name} at {self._connection.base}, {self.id[:12]}>"
 
-    def _angles(
-        self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], dtype: np.dtype[Any]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Angles of unit vectors (n, 3) in the precision in which the material itself would see them: a table's
-        look-up is in the caller's dtype, a formula is in float64 and rounded at the end."""
-        a, b, c = (
-            x.astype(np.float64 if self.facts.get("kind") == "model" else dtype, copy=False)
-            for x in angles_from_vectors(wi, wo)
-        )
-        return a, b, c
-
     @staticmethod
-    def _rounded(values: FloatArray, dtype: np.dtype[Any]) -> FloatArray:
-        with np.errstate(over="ignore", under="ignore"):  # float32 rounds a peak above 3e38 to inf, as a model does
-            return values.astype(dtype, copy=False)
+    def _as_given(wi: npt.ArrayLike, wo: npt.ArrayLike, vectors: conventions.Vectors) -> tuple[FloatArray, FloatArray]:
+        """The caller's own directions, (n, 3), in the dtype of the values, which holds them exactly: who evaluates
+        normalises them, once, as a local material would."""
+        a, b = (
+            np.broadcast_to(conventions.as_float(name, v), (*vectors.shape, 3)).reshape(-1, 3).astype(vectors.dtype)
+            for name, v in (("wi", wi), ("wo", wo))
+        )
+        return a, b

@@ -5,7 +5,7 @@ thrown the error the call ended in, and returns its result. The synchronous and 
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
@@ -77,14 +77,31 @@ def evaluate(id: str, stage: str, angles: Flat, out: FloatArray, connection: Con
 
     A service that wants fewer points at a time gets fewer. An error that names an index names it in the whole batch.
     """
+
+    def part(start: int, stop: int) -> Call:
+        a, b, c = (x[start:stop] for x in angles)
+        return calls.evaluate(id, (a, b, c))
+
+    yield from _in_parts(part, stage, out, connection)
+
+
+def evaluate_vectors(
+    id: str, stage: str, wi: FloatArray, wo: FloatArray, out: FloatArray, connection: Connection
+) -> Exchange[None]:
+    """As `evaluate`, of n pairs of checked directions (n, 3)."""
+    yield from _in_parts(
+        lambda start, stop: calls.evaluate_vectors(id, wi[start:stop], wo[start:stop]), stage, out, connection
+    )
+
+
+def _in_parts(part: Callable[[int, int], Call], stage: str, out: FloatArray, connection: Connection) -> Exchange[None]:
     count, start = out.shape[0], 0
     size = connection.chunk(out.shape[1])
     with reporting(connection.progress if count > size else False) as report:
         while start < count:
             stop = min(start + size, count)
-            a, b, c = (x[start:stop] for x in angles)
             try:
-                answer: Answer = yield calls.evaluate(id, (a, b, c))
+                answer: Answer = yield part(start, stop)
             except LimitError as error:
                 size = _smaller(error, stop - start)
                 continue

@@ -31,9 +31,7 @@ class RemoteBrdf(Described, Brdf):
 
     Arguments are checked here, before anything is sent, and raise what a local `Brdf` raises; what fails on the way
     raises `ServiceError`, `DeadlineError` or what the service says (see `Client`). Values are the same bits as local
-    ones, float32 or float64, but for `evaluate_vectors` of an analytic model: a service takes angles, which is how
-    tables are looked up, but a model's formula of the vectors themselves differs by the rounding of these angles,
-    about 1e-14 of the value over the roughness. For vectors of float32 that rounds away.
+    ones, float32 or float64, of angles and of vectors.
 
     Its attributes are listed at `Described`.
     """
@@ -62,11 +60,28 @@ class RemoteBrdf(Described, Brdf):
         self._run(exchanges.evaluate(self.id, self.name, (theta_i, theta_o, delta_phi), out, self._connection))
         return True
 
+    def evaluate_vectors(self, wi: npt.ArrayLike, wo: npt.ArrayLike, *, out: FloatArray | None = None) -> FloatArray:
+        """As `Brdf.evaluate_vectors`: the directions are sent as they are."""
+        vectors = conventions.flatten_vectors(wi, wo)
+        values = conventions.prepare_out(out, (*vectors.shape, len(self.channels)), vectors.dtype)
+        flat = np.empty((vectors.wi.shape[0], len(self.channels)), vectors.dtype)
+        self._send_vectors(*self._as_given(wi, wo, vectors), flat)
+        values[...] = flat.reshape(values.shape)
+        return values
+
     def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
-        angles = self._angles(wi, wo, out.dtype)
-        values = np.empty(out.shape, angles[0].dtype)
-        self._evaluate(*angles, values)
-        out[...] = self._rounded(values, out.dtype)
+        # what a sum or a multiple asks. Unit vectors in float64 for float32 values: a table looks up in float32 what
+        # it sees as angles, a formula rounds at its end
+        if out.dtype == np.float32 and self.facts.get("kind") != "model":
+            super()._evaluate_vectors(wi, wo, out)
+            return
+        values = np.empty(out.shape)
+        self._send_vectors(wi, wo, values)
+        with np.errstate(over="ignore", under="ignore"):  # float32 rounds a peak above 3e38 to inf, as a model does
+            out[...] = values.astype(out.dtype, copy=False)
+
+    def _send_vectors(self, wi: FloatArray, wo: FloatArray, out: FloatArray) -> None:
+        self._run(exchanges.evaluate_vectors(self.id, self.name, wi, wo, out, self._connection))
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         codes = self._run(

@@ -98,7 +98,11 @@ def grey_service(limit: int = 10**9, bad_point: int | None = None, seen: list[in
         if not asked.path.endswith("/evaluate"):
             return say_json(FACTS)
         dtype = "f4" if "dtype=f4" in asked.query else "f8"
-        theta_i, theta_o, _ = np.frombuffer(asked.body, f"<{dtype}").reshape(3, -1)
+        numbers = np.frombuffer(asked.body, f"<{dtype}")
+        if "input=vectors" in asked.query:  # of vectors: their z for the angle
+            theta_i, theta_o = numbers.reshape(2, -1, 3)[:, :, 2]
+        else:
+            theta_i, theta_o, _ = numbers.reshape(3, -1)
         if theta_i.size > limit:
             return say_problem(413, "too_many_points", where="points", got=theta_i.size, limit=limit)
         before = sum(counts)

@@ -48,6 +48,10 @@ def test_same_bits_and_errors(folder: Path, local: dict[str, bc.Brdf], client: C
                 assert np.isnan(marked).all()
                 found = await there.evaluate_vectors(wi, wo)
                 assert np.array_equal(found, sync.evaluate_vectors(wi, wo))
+                single = await there.evaluate_vectors(wi.astype(np.float32), wo[0].astype(np.float32))
+                expected = here.evaluate_vectors(wi.astype(np.float32), wo[0].astype(np.float32))
+                assert single.dtype == np.float32
+                assert single.tobytes() == expected.tobytes()
                 assert np.array_equal(await there.albedo(theta), here.albedo(theta))
                 assert np.array_equal(await there.delta_reflectance(theta), here.delta_reflectance(theta))
                 assert there.describe() == sync.describe()

@@ -34,6 +34,15 @@ def test_pieces(dtype: Any) -> None:
     assert np.array_equal(values[:, 0], i + dtype(2) * o)
 
 
+def test_vectors_in_pieces() -> None:
+    seen: list[int] = []
+    wi, wo = np.random.default_rng(1).normal(size=(2, 100, 3))
+    with Client.in_process(grey_service(limit=40, seen=seen), chunk_points=60) as client:
+        values = client.material("grey").evaluate_vectors(wi, wo)
+    assert seen == [30, 30, 30, 10]
+    assert np.array_equal(values[:, 0], wi[:, 2] + 2 * wo[:, 2])
+
+
 def test_a_service_that_takes_fewer_points_gets_fewer() -> None:
     seen: list[int] = []
     with Client.in_process(grey_service(limit=40, seen=seen)) as client:
