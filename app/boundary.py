@@ -8,6 +8,7 @@ import re
 import secrets
 import time
 from functools import lru_cache
+from itertools import count
 
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -15,9 +16,12 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 import brdfcore as bc
 from app.errors import problem
 from app.metrics import METHODS, NO_ROUTE
+from app.quick import ACCEPT
 from app.security import ALWAYS, check_host
 from app.state import State
 
+#: Ids of requests: random for the process, counted in it; asking the system for random bytes each time costs more.
+_PROCESS, _COUNT = secrets.token_hex(4), count(1)
 log = logging.getLogger("brdf.service")
 
 #: A caller's own id is kept if it is safe in a header and in a log.
@@ -40,19 +44,25 @@ class Boundary:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         begun = time.perf_counter()
-        given, hosts = b"", []
+        given, hosts, plain = b"", [], True
         for name, value in scope["headers"]:
             if name == b"host":
                 hosts.append(value)
             elif name == b"x-request-id":
                 given = value
-        request_id = given.decode() if given and _REQUEST_ID.fullmatch(given) else secrets.token_hex(8)
+            elif name == b"if-none-match" or (name == b"accept" and value not in ACCEPT):
+                plain = False
+        if given and _REQUEST_ID.fullmatch(given):
+            request_id = given.decode()
+        else:
+            request_id = f"{_PROCESS}{next(_COUNT) & 0xFFFFFFFF:08x}"
         method: str = scope["method"]
         status = sent = 0
         if method == "HEAD":
             scope = {**scope, "method": "GET"}  # whose body the server drops: it keeps the scope as it was
         scope["brdf.state"] = self.state
         scope["brdf.request_id"] = request_id
+        scope["brdf.plain"] = plain  # it wants JSON, whatever the caller may hold already
 
         async def send_with_headers(message: Message) -> None:
             nonlocal status, sent

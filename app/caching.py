@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+from functools import lru_cache
 
 from starlette.requests import Request
 from starlette.responses import Response
@@ -19,13 +20,12 @@ _VERSION = bc.__version__.encode()
 
 def etag_of(request: Request, *identities: str) -> str:
     """Strong ETag of the answer: its path, its query, what it is made from, and the version that makes it."""
-    scope = request.scope
-    return _etag(scope["path"].encode(), scope["query_string"], identities)
+    return etag(request.scope["path"], request.scope["query_string"], *identities)
 
 
 def etag_of_material(name: str, tag: str) -> str:
     """The ETag of /v1/materials/NAME, which is what If-Match names when a material is replaced or deleted."""
-    return _etag(f"/v1/materials/{name}".encode(), b"", (tag,))
+    return etag(f"/v1/materials/{name}", b"", tag)
 
 
 def held_tags(values: Iterable[str]) -> set[str]:
@@ -33,12 +33,19 @@ def held_tags(values: Iterable[str]) -> set[str]:
     return {tag.strip().removeprefix("W/") for tag in ",".join(values).split(",")} - {""}
 
 
-def _etag(path: bytes, query: bytes, identities: Iterable[str]) -> str:
-    parts = (path, query, _VERSION, *map(str.encode, identities))
-    # with their lengths, so that no two different lists of parts look alike
+def etag(path: str, query: bytes, *identities: str) -> str:
+    """Strong ETag of what `identities` say at this path and query."""
+    digest = _begun(path, identities).copy()
+    digest.update(query)
+    return f'"{digest.hexdigest()[:32]}"'
+
+
+@lru_cache(maxsize=512)
+def _begun(path: str, identities: tuple[str, ...]) -> hashlib._Hash:
+    parts = (_VERSION, path.encode(), *map(str.encode, identities))
+    # with their lengths, so that no two different lists of parts look alike; the query comes last and needs none
     lengths = ",".join([str(len(part)) for part in parts]).encode()
-    digest = hashlib.sha256(b"|".join((lengths, *parts))).hexdigest()
-    return f'"{digest[:32]}"'
+    return hashlib.sha256(b"|".join((lengths, *parts, b"")))
 
 
 def not_modified(request: Request, etag: str, headers: dict[str, str]) -> Response | None:

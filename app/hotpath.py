@@ -10,11 +10,13 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.addressing import BY_ID_ADDRESS, BY_NAME_ADDRESS, Address
+from app.quick import one_value
 from app.routers.evaluate import HANDLERS
+from app.state import State
 
-#: Third part of the path -> how it names a material, and the name of that path parameter.
-_ADDRESSES: dict[str, tuple[Address, str]] = {
-    a.label: (a, str(a.parameter["name"])) for a in (BY_NAME_ADDRESS, BY_ID_ADDRESS)
+#: Third part of the path -> how it names a material, the name of that path parameter, and the route.
+_ADDRESSES: dict[str, tuple[Address, str, str]] = {
+    a.label: (a, str(a.parameter["name"]), f"{a.prefix}/evaluate") for a in (BY_NAME_ADDRESS, BY_ID_ADDRESS)
 }
 
 
@@ -30,9 +32,20 @@ class HotPath:
             parts = path.split("/")
             handler = HANDLERS.get(scope["method"])
             if len(parts) == 5 and parts[1] == "v1" and parts[2] in _ADDRESSES and parts[3] and handler is not None:
-                address, parameter = _ADDRESSES[parts[2]]
+                address, parameter, route = _ADDRESSES[parts[2]]
+                scope["brdf.route"] = route
+                if scope["method"] == "GET" and scope["brdf.plain"]:
+                    state: State = scope["brdf.state"]
+                    made = one_value(state, address, parts[3], path, scope["query_string"])
+                    if made is not None:
+                        headers, body, seconds = made
+                        state.metrics.lookups += 1
+                        state.metrics.lookup_seconds += seconds
+                        scope["brdf.lookup_seconds"] = seconds
+                        await send({"type": "http.response.start", "status": 200, "headers": headers})
+                        await send({"type": "http.response.body", "body": body})
+                        return
                 scope["path_params"] = {parameter: parts[3]}
-                scope["brdf.route"] = f"{address.prefix}/evaluate"
                 request = Request(scope, receive)
                 response = await handler(request, address)
                 await response(scope, receive, send)

@@ -11,6 +11,7 @@ import os
 import re
 import stat
 import threading
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,6 +29,9 @@ ID = re.compile(r"[0-9a-f]{64}")
 Kind = Literal["table", "model"]
 #: Each kind by its file name's end.
 SUFFIXES: dict[str, Kind] = {".h5": "table", ".json": "model"}
+
+#: Seconds for which a name's file is taken for its only one.
+_SURE_SECONDS = 0.25
 
 #: What tells one state of a file from another: inode, mtime in ns, size.
 Stamp = tuple[int, int, int]
@@ -78,6 +82,7 @@ class Library:
         self._loaded: ByteLru[str, tuple[Stamp, Material]] = ByteLru(cache_bytes)
         self._known: dict[str, _Known] = {}
         self._names_of: dict[str, str] = {}  # id -> name
+        self._sure: dict[str, tuple[str, float]] = {}  # name -> its one file, and until when that is believed
         self._lock = threading.Lock()
         # one file is read at a time: two requests for one table must not hold it twice
         self._reading = threading.Lock()
@@ -102,10 +107,17 @@ class Library:
 
     def peek(self, name: str) -> Material | None:
         """The material if it is loaded and its file unchanged; reads no file."""
-        stamp = self._find(name)[2]  # two calls of stat: what costs most, and what notices a changed file
+        sure = self._sure.get(name)
+        now = time.monotonic()
+        # the one call of stat that notices a changed file; whether a second of the name has come is asked less often
+        stamp = _stamp(sure[0]) if sure is not None and now < sure[1] else None
+        if stamp is None:
+            path, _, stamp = self._find(name)
+            self._sure[name] = path, now + _SURE_SECONDS
         with self._lock:
             held = self._loaded.get(name)
             if held is None or held[0] != stamp:
+                self._sure.pop(name, None)
                 return None
             self.hits += 1
         return held[1]
@@ -187,12 +199,9 @@ class Library:
         if NAME.fullmatch(name):
             for suffix, kind in SUFFIXES.items():
                 path = f"{self._prefix}{name}{suffix}"  # every request comes here: pathlib would cost more than stat
-                try:
-                    info = os.stat(path)
-                except OSError:
-                    continue
-                if stat.S_ISREG(info.st_mode):  # opening a FIFO would wait for ever
-                    found.append((path, kind, (info.st_ino, info.st_mtime_ns, info.st_size)))
+                stamp = _stamp(path)
+                if stamp is not None:
+                    found.append((path, kind, stamp))
         if len(found) == 1:
             return found[0]
         if found:
@@ -272,6 +281,16 @@ class Library:
             self._known[name] = _Known(stamp, material.facts, material.id, None)
             self._names_of[material.id] = name
         return material
+
+
+def _stamp(path: str) -> Stamp | None:
+    """State of a file; None if it is none."""
+    try:
+        info = os.stat(path)
+    except OSError:
+        return None
+    # opening a FIFO would wait for ever
+    return (info.st_ino, info.st_mtime_ns, info.st_size) if stat.S_ISREG(info.st_mode) else None
 
 
 def _open(name: str, path: Path, kind: Kind) -> Material:

@@ -21,6 +21,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 import brdfcore as bc
 from app import openapi, process
+from app.access_log import AccessLog
 from app.boundary import Boundary
 from app.errors import problem
 from app.hotpath import HotPath
@@ -138,9 +139,13 @@ def serve(
     with process.bind(settings) as listener:
         _fill(settings)
         app = create_app(settings)
+        access_log = AccessLog(sys.stderr.write)
         if settings.log_level in ("debug", "info"):
-            app.state.brdf.access_log = sys.stderr.write
-        process.run(app, settings, listener, before_drain=app.state.brdf.drain)
+            app.state.brdf.access_log = access_log
+        try:
+            process.run(app, settings, listener, before_drain=app.state.brdf.drain)
+        finally:
+            access_log.flush()
     _leave_the_compiler()
     return 0
 

@@ -1,4 +1,5 @@
-"""Which of the three kinds of body a request has and an answer gets: JSON, plain numbers, or a .npy file."""
+"""Which of the three kinds of body a request has and an answer gets: JSON, plain numbers, or a .npy file; and where it
+is made."""
 
 from __future__ import annotations
 
@@ -17,6 +18,9 @@ MEDIA_TYPES: dict[Kind, str] = {
     "octet": "application/octet-stream",
     "npy": "application/x-npy",
 }
+#: Answers of up to this many values are made in the event loop: a thread would cost more than they do. Tables are
+#: compiled loops, and up to here not parallel ones; a model may take a microsecond a value.
+INLINE_VALUES = {"table": 8000, "model": 1024}
 _KINDS: dict[str, Kind] = {media_type: kind for kind, media_type in MEDIA_TYPES.items()}
 _OFFERED = ", ".join(MEDIA_TYPES.values())
 _QUALITY = re.compile(r"\s*q\s*=\s*([01](?:\.[0-9]{0,3})?)\s*", re.IGNORECASE)

@@ -18,16 +18,13 @@ from app.binary import angles_from_npy, angles_from_octets, vectors_from_npy, ve
 from app.bodies import read_array, read_json_numbers
 from app.json_codec import directions_from_json
 from app.lean import Lean
-from app.negotiation import MEDIA_TYPES, Kind, kind_of_answer, kind_of_body
+from app.negotiation import INLINE_VALUES, MEDIA_TYPES, Kind, kind_of_answer, kind_of_body
 from app.openapi import answers, parameters, ref
 from app.query import ANGLES, OUTSIDE, QueryParameter, choice, flag, parse_numbers, parse_query
 from app.schemas import EvaluateAnswer, EvaluateRequest, EvaluateVectors
 from app.state import State, state_of
 from app.vectors import VectorRequest, no_angle_options
 
-#: Answers of up to this many values are made in the event loop: a thread would cost more than they do. Tables are
-#: compiled loops, and up to here not parallel ones; a model may take a microsecond a value.
-INLINE_VALUES = {"table": 8000, "model": 1024}
 #: JSON bodies of up to this many bytes are parsed in the event loop: some 2,000 points, a fraction of a millisecond.
 INLINE_BODY = 128 * 1024
 #: Answers of more values than this are made a few at a time.

@@ -52,11 +52,12 @@ def _serve(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[
 
 def our_app(folder: str, sizes: dict[str, int]) -> Any:
     """The service, its log line for each request included (written to nowhere)."""
+    from app.access_log import AccessLog
     from app.main import create_app
     from app.settings import Settings
 
     app = create_app(Settings(data=Path(folder)))
-    app.state.brdf.access_log = open(os.devnull, "w", buffering=1).write  # noqa: SIM115
+    app.state.brdf.access_log = AccessLog(open(os.devnull, "w", buffering=1).write)  # noqa: SIM115
     return app
 
 
