@@ -27,6 +27,8 @@ log = logging.getLogger("brdf.service")
 #: A caller's own id is kept if it is safe in a header and in a log.
 _REQUEST_ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
 _ALWAYS = [(name.encode(), value.encode()) for name, value in ALWAYS.items()]
+#: What is added to every answer, as lines of HTTP.
+_OWN_LINES = b"".join(b"%b: %b\r\n" % header for header in _ALWAYS) + b"x-request-id: %b\r\nserver-timing: %b\r\n"
 _NO_STORE = (b"cache-control", b"no-store")
 #: Status in the log of a caller who went away before there was an answer.
 _GONE = 499
@@ -64,6 +66,11 @@ class Boundary:
         scope["brdf.request_id"] = request_id
         scope["brdf.plain"] = plain  # it wants JSON, whatever the caller may hold already
 
+        def own_lines() -> bytes:
+            return _OWN_LINES % (request_id.encode(), _timing(scope, time.perf_counter() - begun))
+
+        scope["brdf.own_lines"] = own_lines
+
         async def send_with_headers(message: Message) -> None:
             nonlocal status, sent
             if message["type"] == "http.response.start":
@@ -94,12 +101,14 @@ class Boundary:
         except Exception as error:
             if not isinstance(error, bc.BrdfError):
                 log.exception("request %s failed", request_id)
-            if not status:
+            if not status and "brdf.sent" not in scope:
                 await problem(error, request_id)(scope, receive, send_with_headers)
             elif "brdf.failed" not in scope:
                 raise  # half an answer is out: only a broken connection tells the caller
         finally:
             metrics.running -= 1
+            if not status and "brdf.sent" in scope:
+                status, sent = 200, scope["brdf.sent"]
             seconds, route = time.perf_counter() - begun, _template(scope)
             metrics.request(route, method, status or _GONE, seconds, sent)
             if self.state.access_log is not None:

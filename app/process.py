@@ -10,6 +10,7 @@ import socket
 import sys
 from collections.abc import Callable, Iterator
 from types import FrameType
+from typing import Any
 
 import uvicorn
 from starlette.types import ASGIApp
@@ -106,6 +107,17 @@ class _Server(uvicorn.Server):
                 signal.signal(number, handler)
 
 
+def server_options(settings: Settings) -> dict[str, Any]:
+    """Options of the server that change how it speaks: our protocol, where its parser is installed."""
+    try:
+        from app.protocol import protocol
+    except ModuleNotFoundError as error:
+        if error.name != "httptools":
+            raise
+        return {}
+    return {"http": protocol(settings.head_seconds)}
+
+
 def run(app: ASGIApp, settings: Settings, listener: socket.socket, before_drain: Callable[[], None]) -> None:
     """Serve until SIGINT or SIGTERM; running requests get `drain_seconds` to finish. Raises `ListenError`.
 
@@ -114,6 +126,7 @@ def run(app: ASGIApp, settings: Settings, listener: socket.socket, before_drain:
     place = f"{settings.host}:{settings.port}"
     config = uvicorn.Config(
         app,
+        **server_options(settings),
         log_config=None,
         log_level=None,
         access_log=False,  # the boundary writes a line for each request

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import time
+from typing import NamedTuple
 
 import numpy as np
 import orjson
@@ -18,8 +19,6 @@ from app.library import Material
 from app.negotiation import INLINE_VALUES, MEDIA_TYPES
 from app.state import State
 
-Headers = list[tuple[bytes, bytes]]
-
 _NUMBER = rb"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
 #: As the OpenAPI lists the parameters and as most write them.
 _QUESTION = re.compile(b"theta_i=%b&theta_o=%b&delta_phi=%b(?:&angles=(deg|rad))?" % (_NUMBER, _NUMBER, _NUMBER))
@@ -27,11 +26,37 @@ _LONGEST = 300
 _JSON = MEDIA_TYPES["json"]
 #: What an Accept header may be for JSON to be the answer.
 ACCEPT = frozenset((b"", b"*/*", _JSON.encode()))
-_LAST = (b"vary", b"Accept"), (b"content-type", _JSON.encode())
 
 
-def one_value(state: State, address: Address, key: str, path: str, query: bytes) -> tuple[Headers, bytes, float] | None:
-    """Headers, body and seconds of looking up; `key` is the name or the id of the material."""
+_KEEP_BY_ID, _KEEP_BY_NAME = BY_ID.encode(), BY_NAME.encode()
+_TYPE = _JSON.encode()
+_LINES = b"etag: %%b\r\ncache-control: %%b\r\n%%bvary: Accept\r\ncontent-type: %b\r\ncontent-length: %%d\r\n" % _TYPE
+
+
+class Value(NamedTuple):
+    """The parts of an answer that differ, and the seconds of looking up; `location` is None by id."""
+
+    etag: bytes
+    keep: bytes
+    location: bytes | None
+    body: bytes
+    seconds: float
+
+    def headers(self) -> list[tuple[bytes, bytes]]:
+        """As the framework takes them."""
+        location = [] if self.location is None else [(b"content-location", self.location)]
+        length = b"%d" % len(self.body)
+        first = [(b"etag", self.etag), (b"cache-control", self.keep), *location]
+        return [*first, (b"vary", b"Accept"), (b"content-type", _TYPE), (b"content-length", length)]
+
+    def lines(self) -> bytes:
+        """The same as they go over the wire."""
+        location = b"" if self.location is None else b"content-location: %b\r\n" % self.location
+        return _LINES % (self.etag, self.keep, location, len(self.body))
+
+
+def one_value(state: State, address: Address, key: str, path: str, query: bytes) -> Value | None:
+    """The answer; `key` is the name or the id of the material."""
     if len(query) > _LONGEST or not state.ready:
         return None
     asked = _QUESTION.fullmatch(query)
@@ -57,15 +82,9 @@ def one_value(state: State, address: Address, key: str, path: str, query: bytes)
     rest = tail(material, "rad" if unit == b"rad" else "deg", by_id)
     body = b'{"values":%b,%b' % (orjson.dumps([values.tolist()]), rest)
     tag = etag(path, query, material.id if by_id else material.tag, _JSON).encode()
-    headers = [(b"etag", tag), (b"cache-control", _KEEP_BY_ID if by_id else _KEEP_BY_NAME)]
-    if not by_id:
-        headers.append((b"content-location", b"/v1/tables/%b/evaluate?%b" % (material.id.encode(), query)))
-    headers += _LAST
-    headers.append((b"content-length", b"%d" % len(body)))
-    return headers, body, seconds
-
-
-_KEEP_BY_ID, _KEEP_BY_NAME = BY_ID.encode(), BY_NAME.encode()
+    if by_id:
+        return Value(tag, _KEEP_BY_ID, None, body, seconds)
+    return Value(tag, _KEEP_BY_NAME, b"/v1/tables/%b/evaluate?%b" % (material.id.encode(), query), body, seconds)
 
 
 def _small(material: Material, state: State) -> bool:

@@ -36,6 +36,9 @@ class Settings(BaseModel):
     max_json_bytes: int = Field(
         4 * MB, ge=1, description="most bytes of a JSON body of angles or vectors; plain numbers take max_body_bytes"
     )
+    head_seconds: float = Field(
+        20, gt=0, description="seconds in which the line and headers of a request must have arrived"
+    )
     body_seconds: float = Field(60, gt=0, description="seconds in which a request body must have arrived")
     max_upload_bytes: int = Field(256 * MB, ge=1, description="most bytes of an uploaded file, counted as received")
     upload_seconds: float = Field(600, gt=0, description="seconds in which an upload must have arrived")

@@ -157,6 +157,12 @@ def serve(
     max_body_bytes: Annotated[
         str | None, typer.Option(metavar="BYTES", help="Largest request body, e.g. 64MiB.", show_default=False)
     ] = None,
+    max_json_bytes: Annotated[
+        str | None, typer.Option(metavar="BYTES", help="Largest JSON body of numbers, e.g. 4MiB.", show_default=False)
+    ] = None,
+    head_seconds: Annotated[
+        float | None, typer.Option(help="What the headers of a request get to arrive.", show_default=False)
+    ] = None,
     body_seconds: Annotated[
         float | None, typer.Option(help="In which a request body must arrive.", show_default=False)
     ] = None,
@@ -206,6 +212,8 @@ def serve(
         max_points=max_points,
         max_body_bytes=_bytes("--max-body-bytes", max_body_bytes),
         body_seconds=body_seconds,
+        max_json_bytes=_bytes("--max-json-bytes", max_json_bytes),
+        head_seconds=head_seconds,
         max_values=max_values,
         max_theta_i=max_theta_i,
         max_upload_bytes=_bytes("--max-upload-bytes", max_upload_bytes),

@@ -176,7 +176,7 @@ def test_an_error_inside_says_nothing_of_the_inside(
     def broken(*_: object, **__: object) -> bytes:
         raise RuntimeError("secret of the house")
 
-    monkeypatch.setattr("app.routers.evaluate.answer", broken)
+    monkeypatch.setattr("app.hotpath.one_value", broken)
     answer = shared_client.get(f"/v1/materials/gold/{VALUE}")
     content = assert_problem(answer, 500, "internal_error")
     assert "secret" not in answer.text

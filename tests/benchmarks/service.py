@@ -40,12 +40,17 @@ BYTES_OUT = MANY * 8
 def _serve(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[str, int], pipe: Any) -> None:
     import uvicorn
 
+    from app.process import server_options
+    from app.settings import Settings
+
     # its protocol spelt out, or asyncio leaves Nagle's delay on: 40 ms an answer
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.bind(("127.0.0.1", 0))
     listener.listen(256)
     pipe.send(listener.getsockname()[1])
-    config = uvicorn.Config(make(folder, sizes), log_level="error", access_log=False, lifespan="on")
+    # ours as `brdf serve` runs it, the others as uvicorn does
+    options = server_options(Settings()) if make is our_app else {}
+    config = uvicorn.Config(make(folder, sizes), log_level="error", access_log=False, lifespan="on", **options)
     with contextlib.suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listener])
 

@@ -1,0 +1,187 @@
+"""The server's protocol on the wire: slow, endless and silent heads are cut off, whole answers are sound."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.app.running import Running, running
+
+pytest.importorskip("httptools")
+
+PATH = "/v1/materials/gold/evaluate?theta_i=30&theta_o=40&delta_phi=170"
+
+
+@pytest.fixture(scope="module")
+def live(original: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    data = Path(shutil.copytree(original, tmp_path_factory.mktemp("live") / "data"))
+    with running(data, "--head-seconds", "1") as made:
+        deadline = time.monotonic() + 60
+        while made.ask("/health/ready").status != 200:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        yield made
+
+
+@contextlib.contextmanager
+def connected(live: Running) -> Iterator[socket.socket]:
+    with socket.create_connection(("127.0.0.1", live.port), timeout=10) as connection:
+        yield connection
+
+
+def rest(connection: socket.socket) -> bytes:
+    """All until the server closes."""
+    received = b""
+    with contextlib.suppress(ConnectionError):
+        while piece := connection.recv(65536):
+            received += piece
+    return received
+
+
+def closed_after(connection: socket.socket) -> tuple[float, bytes]:
+    begun = time.monotonic()
+    said = rest(connection)
+    return time.monotonic() - begun, said
+
+
+def one_answer(connection: socket.socket) -> tuple[bytes, bytes]:
+    received = b""
+    while b"\r\n\r\n" not in received:
+        received += connection.recv(65536)
+    head, _, body = received.partition(b"\r\n\r\n")
+    length = int(head.lower().partition(b"content-length:")[2].split(b"\r\n")[0])
+    while len(body) < length:
+        body += connection.recv(65536)
+    assert len(body) == length
+    return head, body
+
+
+def test_silent_connection(live: Running) -> None:
+    with connected(live) as connection:
+        seconds, said = closed_after(connection)
+    assert 0.5 < seconds < 4
+    assert said == b""
+
+
+def test_slow_head(live: Running) -> None:
+    """A header now and then keeps no connection."""
+    with connected(live) as connection:
+        connection.sendall(b"GET /health/live HTTP/1.1\r\nHost: 127.0.0.1\r\n")
+        begun = time.monotonic()
+        with contextlib.suppress(ConnectionError):
+            for k in range(40):
+                connection.sendall(b"X-%d: 1\r\n" % k)
+                time.sleep(0.1)
+                connection.setblocking(False)
+                with contextlib.suppress(BlockingIOError):
+                    if connection.recv(10, socket.MSG_PEEK) is not None:
+                        break
+                connection.setblocking(True)
+        assert time.monotonic() - begun < 3
+        connection.setblocking(True)
+        assert rest(connection).startswith(b"HTTP/1.1 408 ")
+
+
+def test_slow_second_head(live: Running) -> None:
+    with connected(live) as connection:
+        connection.sendall(f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
+        assert one_answer(connection)[0].startswith(b"HTTP/1.1 200 ")
+        time.sleep(1.5)  # between requests that is no slow head
+        connection.sendall(b"GET / HT")
+        seconds, said = closed_after(connection)
+    assert 0.5 < seconds < 4
+    assert said.startswith(b"HTTP/1.1 408 ")
+
+
+def test_endless_head(live: Running) -> None:
+    with connected(live) as connection:
+        connection.sendall(b"GET /health/live HTTP/1.1\r\nHost: 127.0.0.1\r\n")
+        with contextlib.suppress(ConnectionError):
+            for k in range(200):
+                connection.sendall(b"X-%d: %b\r\n" % (k, b"y" * 1000))
+            said = rest(connection)
+            assert b"431" in said[:20] or said == b""
+    assert live.ask("/health/live").status == 200
+
+
+def test_slow_body_is_no_slow_head(live: Running) -> None:
+    body = json.dumps({"theta_i": 30, "theta_o": 40, "delta_phi": 170}).encode()
+    head = f"POST /v1/materials/gold/evaluate HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {len(body)}\r\n"
+    with connected(live) as connection:
+        connection.sendall(head.encode() + b"Content-Type: application/json\r\n\r\n" + body[:10])
+        time.sleep(1.6)
+        connection.sendall(body[10:])
+        assert one_answer(connection)[0].startswith(b"HTTP/1.1 200 ")
+
+
+def headers_of(head: bytes) -> dict[bytes, bytes]:
+    pairs = [line.partition(b": ") for line in head.split(b"\r\n")[1:]]
+    names = [name for name, _, _ in pairs]
+    assert len(set(names)) == len(names)
+    return {name: value for name, _, value in pairs}
+
+
+def test_whole_answers_are_those_of_the_framework(live: Running) -> None:
+    """Sent in one piece or in the usual two: the same lines, the same bytes."""
+    ours = {b"x-request-id", b"server-timing", b"date"}
+    found: list[Any] = []
+    for more in (
+        b"",
+        b"Accept: application/json, */*;q=0.5\r\n",
+    ):  # the second is not asked often enough for a short way
+        with connected(live) as connection:
+            connection.sendall(f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\n".encode() + more + b"\r\n")
+            head, body = one_answer(connection)
+        headers = headers_of(head)
+        assert ours <= headers.keys()
+        assert headers[b"x-content-type-options"] == b"nosniff"
+        found.append((head.split(b"\r\n")[0], {k: v for k, v in headers.items() if k not in ours}, body))
+    assert found[0] == found[1]
+
+
+def test_pipelined_and_kept_connections(live: Running) -> None:
+    request = f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
+    with connected(live) as connection:
+        first = None
+        for _ in range(20):
+            connection.sendall(request)
+            body = one_answer(connection)[1]
+            first = first or body
+            assert body == first
+        connection.sendall(5 * request)
+        received = b""
+        while received.count(b"HTTP/1.1 200 OK") < 5 or not received.endswith(body):
+            received += connection.recv(65536)
+        assert received.count(body) == 5
+    with connected(live) as connection:
+        connection.sendall(f"HEAD {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n".encode())
+        said = rest(connection)
+        assert said.endswith(b"\r\n\r\n")
+        assert b"content-length: %d\r\n" % len(body) in said
+    with connected(live) as connection:
+        connection.sendall(f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n".encode())
+        assert rest(connection).endswith(body)
+    with connected(live) as connection:
+        connection.sendall(f"GET {PATH} HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n".encode())
+        assert rest(connection).endswith(body)
+
+
+def test_each_is_in_the_log_and_the_counters(live: Running) -> None:
+    named = {"X_Request_Id": "a-request-of-mine"}
+    answer = live.ask(PATH, **named)
+    assert (answer.status, answer.headers["x-request-id"]) == (200, "a-request-of-mine")
+    deadline = time.monotonic() + 5
+    while not (lines := [x for x in live.errors if "a-request-of-mine" in x]) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    line = json.loads(lines[0])
+    assert (line["route"], line["status"], line["bytes"]) == ("/v1/materials/{name}/evaluate", 200, len(answer.body))
+    counted = live.ask("/metrics").body.decode()
+    assert 'brdf_requests_total{route="/v1/materials/{name}/evaluate",method="GET",status="200"}' in counted
