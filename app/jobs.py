@@ -157,8 +157,8 @@ class Jobs:
         if job is None:
             raise NotFoundError(
                 "job_lost",
-                "no job of this id: it never was, ended more than an hour ago, or was lost when the service restarted; "
-                "its material tells whether it was done",
+                "no job of this id: it never was, ended more than an hour ago, was lost when the service restarted, or "
+                "is another replica's; its material tells whether it was done",
                 where="id",
                 got=id[:80],
                 expected="the id of a job of this process",
