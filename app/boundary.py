@@ -107,6 +107,9 @@ class Boundary:
                 raise  # half an answer is out: only a broken connection tells the caller
         finally:
             metrics.running -= 1
+            # both lead back to the scope: nothing of a request may wait for the collector of cycles
+            scope.pop("brdf.own_lines", None)
+            scope.pop("brdf.cycle", None)
             if not status and "brdf.sent" in scope:
                 status, sent = 200, scope["brdf.sent"]
             seconds, route = time.perf_counter() - begun, _template(scope)
