@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import errno
 import logging
 import signal
@@ -17,6 +18,9 @@ from starlette.types import ASGIApp
 
 import brdfcore as bc
 from app.settings import Settings
+
+#: Number of the parameter in glibc's malloc.h.
+_M_ARENA_MAX = -8
 
 log = logging.getLogger("brdf")
 
@@ -118,6 +122,13 @@ def server_options(settings: Settings) -> dict[str, Any]:
     return {"http": protocol(settings.head_seconds)}
 
 
+def bound_arenas() -> None:
+    """Tell glibc to keep two heaps instead of eight a core: what one thread frees in its own heap no other can use, and
+    the process grows by tens of megabytes that nothing holds."""
+    with contextlib.suppress(OSError, AttributeError):  # another C library
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
+
+
 def run(app: ASGIApp, settings: Settings, listener: socket.socket, before_drain: Callable[[], None]) -> None:
     """Serve until SIGINT or SIGTERM; running requests get `drain_seconds` to finish. Raises `ListenError`.
 
@@ -135,6 +146,7 @@ def run(app: ASGIApp, settings: Settings, listener: socket.socket, before_drain:
         lifespan="on",
         timeout_graceful_shutdown=settings.drain_seconds,
     )
+    bound_arenas()
     # a thread that computes gives way to the event loop after a millisecond, not after five
     sys.setswitchinterval(0.001)
     server = _Server(config)

@@ -34,7 +34,7 @@ class Settings(BaseModel):
     max_theta_i: int = Field(16, ge=1, description="most angles of incidence in one slice")
     max_body_bytes: int = Field(64 * MB, ge=1, description="most bytes of a request body, counted as received")
     max_json_bytes: int = Field(
-        4 * MB, ge=1, description="most bytes of a JSON body of angles or vectors; plain numbers take max_body_bytes"
+        2 * MB, ge=1, description="most bytes of a JSON body of angles or vectors; plain numbers take max_body_bytes"
     )
     head_seconds: float = Field(
         20, gt=0, description="seconds in which the line and headers of a request must have arrived"

@@ -19,7 +19,7 @@ from app.settings import Settings
 from app.storing import Store
 
 #: Bytes of pictures that are kept.
-PICTURE_BYTES = 32 * 2**20
+PICTURE_BYTES = 16 * 2**20
 
 
 @dataclass
@@ -47,6 +47,9 @@ class State:
     #: Threads that parse, evaluate and encode: many more than there are cores only take the interpreter's lock from
     #: each other and from the event loop.
     working: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2 * (os.cpu_count() or 1)))
+    #: Threads that make lists of whole slices: mostly Python, tens of milliseconds each, and they must not keep the
+    #: seats of those that evaluate.
+    listing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
     #: Answers of millions of values at once: each takes all cores and up to some hundred megabytes, and must not
     #: take the seats of the others.
     large: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2))

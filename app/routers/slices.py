@@ -115,7 +115,7 @@ def _add(router: APIRouter, address: Address, format: Format) -> None:
         if unchanged is not None:
             return unchanged
         if format in ("json", "csv"):
-            body = await run_sync(_list, found.material, asked, format, limiter=state.working)
+            body = await run_sync(_list, found.material, asked, format, limiter=state.listing)
             return Response(body, 200, headers, media_type=media_type)
         drawn = await picture(state, headers["etag"], partial(_draw, found, asked, format))
         return Response(drawn, 200, headers, media_type=media_type)

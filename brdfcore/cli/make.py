@@ -158,7 +158,7 @@ def serve(
         str | None, typer.Option(metavar="BYTES", help="Largest request body, e.g. 64MiB.", show_default=False)
     ] = None,
     max_json_bytes: Annotated[
-        str | None, typer.Option(metavar="BYTES", help="Largest JSON body of numbers, e.g. 4MiB.", show_default=False)
+        str | None, typer.Option(metavar="BYTES", help="Largest JSON body of numbers, e.g. 2MiB.", show_default=False)
     ] = None,
     head_seconds: Annotated[
         float | None, typer.Option(help="What the headers of a request get to arrive.", show_default=False)
