@@ -49,7 +49,7 @@ class State:
     working: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2 * (os.cpu_count() or 1)))
     #: Threads that make lists of whole slices: mostly Python, tens of milliseconds each, and they must not keep the
     #: seats of those that evaluate.
-    listing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
+    listing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2))
     #: Answers of millions of values at once: each takes all cores and up to some hundred megabytes, and must not
     #: take the seats of the others.
     large: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2))

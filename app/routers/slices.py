@@ -34,6 +34,10 @@ MEDIA_TYPES: dict[Format, str] = {
     "csv": "text/csv; charset=utf-8",
 }
 
+#: Lists of up to this many values are made in the event loop: a few milliseconds. A thread waits for the interpreter's
+#: lock at each of its many small steps, a second in all when the service is busy.
+INLINE_LISTED = 2500
+
 THETA_I = QueryParameter(
     "theta_i", "polar angle(s) of the light; exactly one for the hemisphere", parse_numbers, example="30,60"
 )
@@ -105,9 +109,11 @@ def _add(router: APIRouter, address: Address, format: Format) -> None:
         check_theta_i(asked.theta_i, state.settings)
         _check_view(asked)
         found = await address.find(request)
+        values = 0
         if format in ("json", "csv"):
             channels = 1 if asked.channel is not None else len(found.material.brdf.channels)
-            check_values(_directions(asked.view) * asked.theta_i.size * channels, state.settings)
+            values = _directions(asked.view) * asked.theta_i.size * channels
+            check_values(values, state.settings)
         headers = found.headers(request)
         if format == "svg":
             headers |= {"content-security-policy": SVG_POLICY, **NO_REFERRER}
@@ -115,6 +121,8 @@ def _add(router: APIRouter, address: Address, format: Format) -> None:
         if unchanged is not None:
             return unchanged
         if format in ("json", "csv"):
+            if values <= INLINE_LISTED and state.ready:
+                return Response(_list(found.material, asked, format), 200, headers, media_type=media_type)
             body = await run_sync(_list, found.material, asked, format, limiter=state.listing)
             return Response(body, 200, headers, media_type=media_type)
         drawn = await picture(state, headers["etag"], partial(_draw, found, asked, format))

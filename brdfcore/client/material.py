@@ -70,9 +70,9 @@ class RemoteBrdf(Described, Brdf):
         return values
 
     def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
-        # what a sum or a multiple asks. Unit vectors in float64 for float32 values: a table looks up in float32 what
-        # it sees as angles, a formula rounds at its end
-        if out.dtype == np.float32 and self.facts.get("kind") != "model":
+        # what a sum or a multiple asks, of unit vectors in float64 whatever the type of the values: a table looks up
+        # their angles in that type, a formula takes the vectors and rounds at its end
+        if self.facts.get("kind") != "model":
             super()._evaluate_vectors(wi, wo, out)
             return
         values = np.empty(out.shape)

@@ -20,8 +20,8 @@ MODELS = {
     "paper": {"model": "lambert", "parameters": {"reflectance": [0.8, 0.7, 0.6]}},
     "mirror": {"model": "mirror", "parameters": {"ior": "silver"}},
 }
-#: gold-grid: a table; measured: an RGL file in its own warp; spectral: one with wavelengths; the rest: models.
-NAMES = ("gold", "gold-grid", "measured", "mirror", "paper", "spectral")
+#: gold-grid, gold-half: tables; measured: an RGL file in its own warp; spectral: one with wavelengths; the rest: models.
+NAMES = ("gold", "gold-grid", "gold-half", "measured", "mirror", "paper", "spectral")
 
 
 @pytest.fixture(scope="session")
@@ -31,6 +31,9 @@ def local(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bc.Brdf]:
     made: dict[str, bc.Brdf] = {name: bc.model(m["model"], **m["parameters"]) for name, m in MODELS.items()}
     made["gold-grid"] = bc.tabulate(
         bc.model("cook_torrance", roughness=0.3, ior="gold"), "angle_grid", shape=(16, 16, 31)
+    )
+    made["gold-half"] = bc.tabulate(
+        bc.model("cook_torrance", roughness=0.2, ior="gold"), "half_difference", max_bytes=60_000
     )
     for name, wavelengths in (("measured", 0), ("spectral", 7)):
         path = folder / f"{name}.bsdf"
