@@ -51,6 +51,16 @@ class AngleRequest(NamedTuple):
         """f_r at the angles."""
         return brdf.evaluate(*self.radians(), out=out, outside=self.outside)
 
+    @property
+    def uniform(self) -> bool:
+        """True if each list has one value or as many as there are points: then parts of it broadcast as the whole."""
+        return all(x.size in (1, self.points) for x in self[:3])
+
+    def part(self, start: int, stop: int) -> AngleRequest:
+        """Points start to stop of a uniform request."""
+        a, b, c = (x[start:stop] if x.size > 1 else x for x in self[:3])
+        return self._replace(theta_i=a, theta_o=b, delta_phi=c)
+
     def status(self, brdf: bc.Brdf) -> npt.NDArray[np.uint8]:
         """Where each value comes from."""
         return brdf.status(*self.radians())

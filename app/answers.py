@@ -7,17 +7,18 @@ Both say the rest in headers: X-Brdf-Angles, -Dtype, -Shape, -Channels, -Id, -Er
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import brdfcore as bc
-from app.angles import AngleRequest, Unit
+from app.angles import AngleRequest, Array, Unit
 from app.binary import npy_head, precision_of
 from app.json_codec import array_to_json, to_header, to_json
 from app.library import Material
-from app.negotiation import Kind
+from app.negotiation import INLINE_POINTS, INLINE_VALUES, Kind
 from app.vectors import VectorRequest
 
 #: What is asked for, in either form.
@@ -53,9 +54,33 @@ def error_in_short(error: dict[str, Any]) -> dict[str, Any]:
     return {k: error[k] for k in ("l1", "l1_stderr", "warnings") if k in error}
 
 
+def _evaluated(brdf: bc.Brdf, asked: Asked, out: Array | None = None) -> Array:
+    """The values; in the event loop a few points at a time, as long as nothing is wrong with any."""
+    points = asked.points
+    if INLINE_POINTS < points <= INLINE_VALUES["table"] and asked.uniform and _in_event_loop():
+        values = np.empty((points, len(brdf.channels)), asked.dtype) if out is None else out
+        try:
+            for start in range(0, points, INLINE_POINTS):
+                stop = min(start + INLINE_POINTS, points)
+                asked.part(start, stop).evaluate(brdf, values[start:stop])
+        except bc.InputError:  # which the whole names with its place
+            return asked.evaluate(brdf, out)
+        return values
+    return asked.evaluate(brdf, out)
+
+
+def _in_event_loop() -> bool:
+    """True in the thread of the event loop, False in those that work for it."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
+
+
 def _json(material: Material, asked: Asked, status: bool, lasting: bool) -> Evaluated:
     begun = time.perf_counter()
-    values = asked.evaluate(material.brdf)
+    values = _evaluated(material.brdf, asked)
     seconds = time.perf_counter() - begun
     # floats are written by their shortest text, so that they read back to the same bits
     rows = array_to_json(values.reshape(-1, values.shape[-1]))
@@ -97,7 +122,7 @@ def _numbers(material: Material, asked: Asked, kind: Kind, status: bool, lasting
     # scalars broadcast to one point, whose result has no axis of points
     out = values[0] if asked.single else values
     begun = time.perf_counter()
-    asked.evaluate(brdf, out)
+    _evaluated(brdf, asked, out)
     seconds = time.perf_counter() - begun
     if not np.little_endian:
         values.byteswap(inplace=True)

@@ -44,6 +44,16 @@ class VectorRequest(NamedTuple):
         """f_r, exactly 0 below the horizon."""
         return brdf.evaluate_vectors(self.wi, self.wo, out=out)
 
+    @property
+    def uniform(self) -> bool:
+        """True if each list has one direction or as many as there are points."""
+        return all(x.size // 3 in (1, self.points) for x in self)
+
+    def part(self, start: int, stop: int) -> VectorRequest:
+        """Points start to stop of a uniform request."""
+        a, b = (x[start:stop] if x.size > 3 else x for x in self)
+        return VectorRequest(a, b)
+
     def status(self, brdf: bc.Brdf) -> npt.NDArray[np.uint8]:
         """Refused by `no_angle_options`."""
         raise NotImplementedError

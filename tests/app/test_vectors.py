@@ -139,6 +139,42 @@ def test_sizes(serve: Serve) -> None:
     assert_problem(client.post(path, json=many), 413, "too_many_points")
 
 
+@pytest.mark.parametrize("count", [8001, 16_000, 23_999])
+def test_blocks_in_the_event_loop(serve: Serve, original: Path, count: int) -> None:
+    """Some thousand points are evaluated a few at a time: the same bits, the same complaints."""
+    client = serve()
+    brdf = local(original, "gold-grid")
+    angles = np.random.default_rng(5).random((3, count)) * 1.5
+    path = "/v1/materials/gold-grid/evaluate?angles=rad"
+    answer = client.post(path, content=angles.tobytes(), headers=OCTETS)
+    assert answer.content == brdf.evaluate(*angles).tobytes()
+    both = vectors(count, "f4")
+    answer = client.post(
+        "/v1/materials/gold-grid/evaluate?input=vectors&dtype=f4", content=both.tobytes(), headers=OCTETS
+    )
+    assert answer.content == brdf.evaluate_vectors(*both).tobytes()
+    lists = {"theta_i": 30, "theta_o": [20.0] * count, "delta_phi": (90 * angles[0]).tolist()}
+    expected = brdf.evaluate(*(np.radians(x) for x in lists.values()))
+    assert client.post("/v1/materials/gold-grid/evaluate", json=lists).json()["values"] == expected.tolist()
+    angles[1, count - 1] = 2.0
+    content = assert_problem(client.post(path, content=angles.tobytes(), headers=OCTETS), 422, "angle_outside")
+    assert content["errors"][0]["index"] == [count - 1]
+    both[0, count - 1] = 0
+    answer = client.post(
+        "/v1/materials/gold-grid/evaluate?input=vectors&dtype=f4", content=both.tobytes(), headers=OCTETS
+    )
+    assert assert_problem(answer, 422, "not_a_direction")["errors"][0]["index"] == [count - 1]
+
+
+def test_lists_that_do_not_broadcast_do_not_in_parts_either(client: TestClient) -> None:
+    """The last part of 8,001 is one point, which would go with any number of others."""
+    lists = {"theta_i": [1.0] * 8001, "theta_o": [1.0] * 16_000, "delta_phi": 0}
+    answer = client.post("/v1/materials/gold-grid/evaluate", json=lists)
+    assert_problem(answer, 422, "shapes_do_not_broadcast")
+    both = {"wi": [[0, 0, 1]] * 8001, "wo": [[0, 0, 1]] * 16_000}
+    assert_problem(client.post("/v1/materials/gold-grid/evaluate", json=both), 422, "shapes_do_not_broadcast")
+
+
 def test_none(shared_client: TestClient) -> None:
     answer = shared_client.post("/v1/materials/red/evaluate", json={"wi": [], "wo": [0, 0, 1]})
     assert answer.json()["values"] == []

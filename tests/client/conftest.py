@@ -20,7 +20,7 @@ MODELS = {
     "paper": {"model": "lambert", "parameters": {"reflectance": [0.8, 0.7, 0.6]}},
     "mirror": {"model": "mirror", "parameters": {"ior": "silver"}},
 }
-#: gold-grid, gold-half: tables; measured: an RGL file in its own warp; spectral: one with wavelengths; the rest: models.
+#: gold-grid, gold-half: tables; measured: an RGL file in its own warp; spectral: with wavelengths; the rest: models.
 NAMES = ("gold", "gold-grid", "gold-half", "measured", "mirror", "paper", "spectral")
 
 
