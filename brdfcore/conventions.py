@@ -116,6 +116,20 @@ def flatten_angles(theta_i: npt.ArrayLike, theta_o: npt.ArrayLike, delta_phi: np
     return Angles(flat[0], flat[1], flat[2], shape, None)
 
 
+def plain_floats(theta_i: Any, theta_o: Any, delta_phi: Any) -> npt.NDArray[np.float64] | None:
+    """The three as one array if they are floats (numpy's too, not float32) in the plain domain; None otherwise."""
+    if (
+        isinstance(theta_i, float)
+        and isinstance(theta_o, float)
+        and isinstance(delta_phi, float)
+        and 0 <= theta_i <= HALF_PI
+        and 0 <= theta_o <= HALF_PI
+        and -DELTA_PHI_DIRECT <= delta_phi <= DELTA_PHI_DIRECT
+    ):
+        return np.array((theta_i, theta_o, delta_phi))
+    return None
+
+
 def _promoted_theta(theta: FloatArray) -> FloatArray:
     """theta in float64; float32's pi/2 becomes float64's, which it means."""
     if theta.dtype == np.float64:
