@@ -17,7 +17,7 @@ import numpy.typing as npt
 from brdfcore.brdf import Brdf, Channels
 from brdfcore.conventions import HALF_PI
 from brdfcore.errors import FileFormatError, InputError
-from brdfcore.parameters import Parameter
+from brdfcore.parameters import Parameter, resolve
 
 Float64Array = npt.NDArray[np.float64]
 Invalid = Literal["drop", "error"]
@@ -180,28 +180,15 @@ class Measurements:
         keys[np.abs(keys[:, 2]) >= np.floor(np.pi / SAME_ANGLE), 2] = np.rint(np.pi / SAME_ANGLE)
         return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], np.int64).reshape(-1)
 
-    def merged(self) -> Self:
-        """One row a geometry: repeats averaged; the line is the first one's."""
-        group = self.groups()
-        count = np.bincount(group)
-        if (count == 1).all():
-            return self
-        first = np.full(count.size, len(self), np.int64)
-        np.minimum.at(first, group, np.arange(len(self)))
-        order = np.argsort(first)
-        sums = np.zeros((count.size, len(self.channels)))
-        np.add.at(sums, group, self.values)
-        kept = first[order]
-        note = f"{len(self) - count.size} repeated geometries averaged into {int((count > 1).sum())}"
-        return replace(
-            self,
-            theta_i=self.theta_i[kept],
-            theta_o=self.theta_o[kept],
-            delta_phi=self.delta_phi[kept],
-            values=(sums / count[:, None])[order],
-            lines=self.lines[kept],
-            done=(*self.done, note),
-        )
+    def select(self, rows: npt.ArrayLike) -> Self:
+        """These rows only, by index or mask."""
+        kept = {name: getattr(self, name)[rows] for name in ("theta_i", "theta_o", "delta_phi", "values", "lines")}
+        return replace(self, **kept)
+
+    def one_sided(self) -> bool:
+        """Whether no two sides of the plane of incidence were measured; the plane itself belongs to both."""
+        side = np.sin(self.delta_phi) * np.sin(self.theta_i) * np.sin(self.theta_o)
+        return not ((side > SAME_ANGLE).any() and (side < -SAME_ANGLE).any())
 
     def _check_isotropic(self, phi_i: Float64Array) -> tuple[str, ...]:
         """Refuse shared geometries that differ between azimuths phi_i; a sentence where it can't be told."""
@@ -249,54 +236,116 @@ POLICIES = (
     Parameter(
         "holes",
         "",
-        "values farther than `gap` from every measured geometry, or more grazing than all: the predictor held at the "
-        "limits of the measured range, the nearest measurement, or 0",
+        "values farther than `gap` from every measured geometry, or more grazing than all: continued from the limits "
+        "of the measured range, those of the nearest measurement, or 0",
         "continue",
         kind="choice",
         choices=("continue", "nearest", "zero"),
     ),
     Parameter("negatives", "", "what negative values become", "keep", kind="choice", choices=("keep", "zero")),
     Parameter(
-        "fold", "", "average delta_phi and -delta_phi, where both are measured", "none",
-        kind="choice", choices=("none", "bilateral"),
+        "fold",
+        "",
+        "average delta_phi and -delta_phi, where both are measured",
+        "none",
+        kind="choice",
+        choices=("none", "bilateral"),
     ),
     Parameter(
-        "smoothing", "", "of the interpolator, relative; None chooses by cross-validation", None,
-        bounds=(0, 1e3), per_channel=False,
+        "smoothing",
+        "",
+        "of the interpolator; not given: chosen by cross-validation",
+        None,
+        bounds=(0, 1e3),
+        per_channel=False,
     ),
     Parameter(
-        "gap", "", "farther than this from every measured geometry is a hole", 15.0,
-        bounds=(0.1, 90), unit="degrees", per_channel=False,
+        "gap",
+        "",
+        "farther than this from every measured geometry is a hole",
+        15.0,
+        bounds=(0.1, 90),
+        unit="degrees",
+        per_channel=False,
     ),
-    Parameter("shape", "", "nodes along theta_h, theta_d, phi_d, as 64,32,24", "64,32,24", kind="text"),
-)  # fmt: skip
+    Parameter("shape", "", "nodes along theta_h, theta_d and half a turn of phi_d, as [64,28,24]", None, kind="text"),
+)
 
 
-def to_brdf(
-    measurements: Measurements,
-    *,
-    holes: str = "continue",
-    negatives: str = "keep",
-    fold: str = "none",
-    smoothing: float | None = None,
-    gap: float = 15.0,
-    shape: str | tuple[int, int, int] = "64,32,24",
-) -> Brdf:
+def to_brdf(measurements: Measurements, **options: Any) -> Brdf:
     """A `scattered` table of measurements: regridded, every geometry kept; its `report` says what was found and done.
 
-    The options are those of `POLICIES`, `gap` in degrees; the defaults change no measured value. Raises `InputError`
-    for an option out of range, or too few geometries.
-    """
-    from brdfcore.tables.scattered import Scattered
+    options   holes, negatives, fold, smoothing, gap (degrees), shape: see `POLICIES`. The defaults change no measured
+              value. Azimuths measured on one side only are taken to be the same on the other, which the report says.
 
-    return Scattered.from_measurements(  # pragma: no cover - replaced with the table
-        measurements, holes=holes, negatives=negatives, fold=fold, smoothing=smoothing, gap=gap, shape=shape
+    Raises `InputError` for an option out of range, or too few geometries.
+    """
+    from brdfcore.formats.import_report import report_of
+    from brdfcore.tables.scattered import Policy, Scattered
+
+    chosen = resolve("measurements", POLICIES, options)
+    done = list(measurements.done)
+    kept = measurements
+    negative = kept.values < 0
+    if chosen["negatives"] == "zero" and negative.any():
+        kept = replace(kept, values=np.maximum(kept.values, 0))
+        done.append(f"{int(negative.sum())} negative values set to zero, as asked")
+    one_sided, fold = kept.one_sided(), chosen["fold"] == "bilateral"
+    if one_sided:
+        done.append(
+            "measured on one side of the plane of incidence only: the other side is taken to be the same "
+            "(bilateral symmetry is assumed, not measured)"
+        )
+    elif fold:
+        done.append("delta_phi and -delta_phi averaged, as asked")
+    policy = Policy(
+        holes=chosen["holes"],
+        negatives=chosen["negatives"],
+        smoothing=chosen["smoothing"],
+        gap=float(np.radians(chosen["gap"])),
+        shape=_shape_of(chosen["shape"]),
+    )
+    table = Scattered.from_points(
+        np.stack([kept.theta_i, kept.theta_o, kept.delta_phi], axis=1),
+        np.array(kept.values),
+        kept.channels,
+        bilateral=one_sided or fold,
+        policy=policy,
+    )
+    table.source = {"name": kept.file, "format": kept.format, "sha256": str(kept.source.get("sha256", ""))}
+    table.metadata = {"description": kept.description} if kept.description else {}
+    table.report = report_of(measurements, table, done, chosen)
+    return table
+
+
+def not_scattered(brdf: Brdf, what: str) -> InputError:
+    """The refusal of formats that list measured geometries; `what` names the file."""
+    got = getattr(brdf, "name", type(brdf).__name__)
+    return InputError(
+        "not_scattered",
+        f"{what} lists measured geometries; this is {got!r}: tabulate it as 'scattered' first, which measures it at "
+        "the geometries of a goniometer",
+        where="brdf",
+        got=got,
+        expected="a scattered table",
     )
 
 
+def _shape_of(text: str | None) -> tuple[int, ...] | None:
+    if text is None:
+        return None
+    try:
+        return tuple(int(part) for part in text.strip(" []()").split(","))
+    except ValueError:
+        raise InputError(
+            "bad_shape", f"shape = {text[:60]!r}: expected 3 whole numbers, as [64,28,24]", where="shape", got=text[:60]
+        ) from None
+
+
 def _reduced(angle: Float64Array) -> Float64Array:
-    """`angle` modulo 2 pi in [-pi, pi]; what is within 1e-9 of -pi becomes pi, so that the mirror plane is one."""
-    turned = np.remainder(angle + np.pi, 2 * np.pi) - np.pi
+    """`angle` modulo 2 pi in [-pi, pi], those already there as they are; within 1e-9 of -pi it becomes pi: the plane
+    of incidence has one mirror side."""
+    turned = np.where(np.abs(angle) <= np.pi, angle, np.remainder(angle + np.pi, 2 * np.pi) - np.pi)
     return np.asarray(np.where(turned <= -np.pi + 1e-9, np.pi, turned))
 
 

@@ -1,0 +1,390 @@
+"""The representation for scattered measurements: every measured geometry kept, a lattice beside them for look-ups."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.brdf import Brdf, Channels
+from brdfcore.conventions import HALF_PI, FloatArray
+from brdfcore.errors import FileFormatError, InputError, LimitError
+from brdfcore.metrics import measured_flags
+from brdfcore.parameters import Parameter
+from brdfcore.status import Status
+from brdfcore.tables.base import FLAGS, BuildOptions, Progress
+from brdfcore.tables.coverage import Coverage
+from brdfcore.tables.half_fit import STEPS_Y, Layout, angles_of
+from brdfcore.tables.half_lattice import HalfLattice, lattice_arrays, steps_z
+from brdfcore.tables.scattered_fit import Predictor, Settings, choose
+
+Float64Array = npt.NDArray[np.float64]
+
+#: Nodes along theta_h, theta_d and half a turn of phi_d where no shape is asked for.
+DEFAULT_SHAPE = (64, 28, 24)
+#: Most geometries regridded, and most nodes of the lattice, times channels: minutes and gigabytes beyond.
+MAX_POINTS, MAX_NODES = 200_000, 20_000_000
+#: Fewest geometries: with less nothing is known between them.
+MIN_POINTS = 8
+HOLES = ("continue", "nearest", "zero")
+#: Nodes predicted at a time.
+_CHUNK = 8_192
+
+
+@dataclass(frozen=True)
+class Policy:
+    """How measurements become a lattice; what each field means: `Scattered.PARAMETERS`. `gap` in rad."""
+
+    holes: str = "continue"
+    negatives: str = "keep"
+    smoothing: float | None = None
+    gap: float = float(np.radians(15))
+    shape: tuple[int, ...] | None = None
+
+
+class Scattered(HalfLattice):
+    """Scattered measurements regridded to half/difference coordinates; the geometries stay beside the lattice.
+
+    `status` tells measured, interpolated, extrapolated and filled apart (`tables.coverage`). Between the measurements f
+    is predicted by `tables.scattered_fit`; the lattice of predicted nodes is looked up as `half_difference` is.
+
+    Arrays beside those of `half_difference`:
+
+        angles    float64 (n, 3)  theta_i, theta_o, delta_phi of each row, rad, repeats and both sides as measured
+        measured  float64 (n, C)  its f_r in 1/sr
+    """
+
+    name = "scattered"
+    SUMMARY = "scattered measurements, all kept, and a half/difference lattice predicted from them"
+    PARAMETERS = (
+        Parameter("shape", "", "nodes along theta_h, theta_d and half a turn of phi_d", "64,28,24", kind="text"),
+        Parameter("interpolation", "", "between the nodes", "linear", kind="choice", choices=("linear",)),
+    )
+
+    angles: Float64Array
+    measured: Float64Array
+    policy: Policy
+    settings: Settings
+
+    def _keep(self, angles: Float64Array, measured: Float64Array, policy: Policy, settings: Settings) -> Self:
+        self.angles, self.measured, self.policy, self.settings = angles, measured, policy, settings
+        return self
+
+    @cached_property
+    def coverage(self) -> Coverage:
+        """Which pairs of directions the measurements cover."""
+        return Coverage(self.angles, self.policy.gap, self.bilateral)
+
+    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
+        return self.coverage.status(*(a.astype(np.float64, copy=False) for a in (theta_i, theta_o, delta_phi)))
+
+    # ---- build --------------------------------------------------------------------------------
+
+    @classmethod
+    def from_points(
+        cls,
+        angles: Float64Array,
+        values: Float64Array,
+        channels: Channels,
+        *,
+        bilateral: bool,
+        policy: Policy,
+        progress: Progress | None = None,
+    ) -> Self:
+        """Regrid measurements at `angles` (n, 3) in rad with `values` (n, channels) in 1/sr; repeats are averaged.
+
+        bilateral  whether -delta_phi means the same as delta_phi.
+        `report["done"]` says what was changed or filled. Raises `InputError` for too few geometries or a shape that
+        can't be, `LimitError` for too many.
+        """
+        points, means = merged(angles, values, bilateral)
+        n = len(points)
+        if n < MIN_POINTS:
+            raise InputError(
+                "too_few_geometries",
+                f"{n} geometries measured: at least {MIN_POINTS} are needed to say anything between them",
+                where="measurements",
+                got=n,
+                expected=f"at least {MIN_POINTS}",
+            )
+        shape = _lattice_shape(policy.shape, bilateral)
+        if n > MAX_POINTS or np.prod([float(s) for s in shape]) * len(channels) > MAX_NODES:
+            raise LimitError(
+                "too_large",
+                f"{n} geometries, a lattice of {list(shape)} nodes and {len(channels)} channels: at most {MAX_POINTS} "
+                f"geometries and {MAX_NODES} values are taken",
+                where="measurements",
+                got=n,
+                limit=MAX_POINTS,
+            )
+        if progress is not None:
+            progress(0, 1, "choosing the interpolator")
+        coverage = Coverage(angles, policy.gap, bilateral)
+        settings, error = choose(points, means, bilateral, coverage.in_plane, policy.smoothing)
+        predictor = Predictor(points, means, bilateral, coverage.in_plane, settings)
+        layout = _layout(bilateral)
+        nodes, done = _nodes(predictor, layout, shape, coverage, values, policy, progress)
+        if n < len(angles):
+            done.insert(0, f"{len(angles)} rows averaged into {n} geometries")
+        arrays, scale = lattice_arrays(nodes, layout)
+        flags = {**dict.fromkeys(FLAGS, False), "bilateral": bilateral}
+        table = cls(arrays, scale, layout.factor, channels, flags)
+        table._keep(np.ascontiguousarray(angles), np.ascontiguousarray(values), policy, settings)
+        found = measured_flags(table)
+        table.reciprocal, table.energy_conserving = found["reciprocal"], found["energy_conserving"]
+        table.non_negative = bool((arrays["values"] >= 0).all())
+        table.report = {
+            "done": done,
+            "interpolation": {
+                **settings.to_json(),
+                "held-out error": None if np.isnan(error) else error,
+                "in the plane of incidence only": coverage.in_plane,
+            },
+        }
+        return table
+
+    @classmethod
+    def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
+        """Measure `source` at the geometries of a goniometer, or take those it was measured at, and regrid them."""
+        if options.interpolation != "linear":
+            raise InputError(
+                "bad_option",
+                f"interpolation = {options.interpolation!r}: scattered offers 'linear'",
+                where="interpolation",
+                got=options.interpolation,
+                expected="linear",
+            )
+        bilateral = source.bilateral or "bilateral" in options.fold
+        policy = Policy(negatives=options.negatives, shape=options.shape)
+        if isinstance(source, Scattered):
+            angles, values = source.angles, source.measured
+            policy = Policy(source.policy.holes, options.negatives, source.policy.smoothing, source.policy.gap,
+                            options.shape or source.policy.shape)  # fmt: skip
+        else:
+            angles = goniometer(bilateral)
+            values = source.evaluate(*angles.T).astype(np.float64)
+        if "reciprocal" in options.fold:
+            raise InputError(
+                "bad_option", "fold = 'reciprocal': scattered measurements are not averaged over it", where="fold"
+            )
+        table = cls.from_points(angles, values, source.channels, bilateral=bilateral, policy=policy, progress=progress)
+        table.source = dict(getattr(source, "source", {}) or {"name": "", "format": "", "sha256": ""})
+        table.report = {
+            **source.report, **table.report, "done": [*source.report.get("done", []), *table.report["done"]]
+        }  # fmt: skip
+        return table
+
+    @classmethod
+    def can_hold(cls, source: Brdf) -> bool:
+        return isinstance(source, Scattered)
+
+    # ---- arrays -------------------------------------------------------------------------------
+
+    def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return {**super().to_arrays(), "angles": self.angles, "measured": self.measured}
+
+    def attributes(self) -> dict[str, Any]:
+        policy = {"holes": self.policy.holes, "negatives": self.policy.negatives, "gap": self.policy.gap}
+        policy |= {"smoothing": self.policy.smoothing, "shape": list(self.policy.shape or ())}
+        return {**super().attributes(), "policy": policy, "settings": self.settings.to_json()}
+
+    @classmethod
+    def from_arrays(
+        cls,
+        arrays: Mapping[str, npt.NDArray[Any]],
+        attributes: Mapping[str, Any],
+        channels: Channels,
+        flags: Mapping[str, bool],
+    ) -> Self:
+        table = super().from_arrays(arrays, attributes, channels, flags)
+        for name, width in (("angles", 3), ("measured", len(channels))):
+            array = arrays.get(name)
+            fits = array is not None and array.dtype == np.float64 and array.ndim == 2 and array.shape[1] == width
+            if array is None or not fits or not np.isfinite(array).all() or not 1 <= len(array) <= MAX_POINTS:
+                got = "nothing" if array is None else f"{array.dtype} {array.shape}"
+                raise cls._bad(name, got, f"finite float64 (n, {width})")
+        angles = np.require(arrays["angles"], requirements=("C", "A", "W"))
+        measured = np.require(arrays["measured"], requirements=("C", "A", "W"))
+        if len(angles) != len(measured):
+            raise cls._bad("measured", f"{len(measured)} rows", f"{len(angles)}, as many as angles")
+        if (angles[:, :2] < 0).any() or (angles[:, :2] > HALF_PI).any():
+            raise cls._bad("angles", "a polar angle outside [0, pi/2]", "polar angles within it")
+        return table._keep(angles, measured, *_settings_of(cls, attributes))
+
+
+def _settings_of(cls: type[Scattered], attributes: Mapping[str, Any]) -> tuple[Policy, Settings]:
+    """Policy and settings as `attributes` holds them; `FileFormatError` where they do not fit."""
+    try:
+        given = dict(attributes["policy"])
+        shape = tuple(int(n) for n in given.pop("shape"))
+        policy = Policy(**given, shape=shape or None)
+        settings = Settings(**attributes["settings"])
+        good = policy.holes in HOLES and policy.negatives in ("keep", "zero") and 0 < float(policy.gap) <= HALF_PI
+        good = good and all(isinstance(x, (int, float)) for x in (settings.width, settings.stretch, settings.floor))
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
+        good = False
+    if not good:
+        bad: FileFormatError = cls._bad("policy", "missing or malformed", "how the measurements were regridded")
+        raise bad
+    return policy, settings
+
+
+#: Geometries closer than this in every angle, rad, are one; `formats.measurements.SAME_ANGLE`.
+_SAME_GEOMETRY = 1e-4
+
+
+def merged(angles: Float64Array, values: Float64Array, fold: bool) -> tuple[Float64Array, Float64Array]:
+    """Each geometry once, repeats averaged, in the order of their first; with `fold` delta_phi and -delta_phi are one,
+    and delta_phi >= 0."""
+    turned = angles.copy()
+    if fold:
+        turned[:, 2] = np.abs(turned[:, 2])
+    turned[np.minimum(turned[:, 0], turned[:, 1]) < _SAME_GEOMETRY, 2] = 0  # no azimuth at the normal
+    keys = np.rint(turned / _SAME_GEOMETRY)
+    _, first, group, count = np.unique(keys, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    sums = np.zeros((count.size, values.shape[1]))
+    np.add.at(sums, group.reshape(-1), values)
+    order = np.argsort(first)
+    return turned[first[order]], (sums / count[:, None])[order]
+
+
+def goniometer(bilateral: bool) -> Float64Array:
+    """Geometries (n, 3) at which a `Brdf` is measured that is not a measurement: 10, 8 and 15 degrees apart, closer at
+    the mirror direction; to 80 degrees of incidence."""
+    lights, viewers = np.radians(np.arange(0, 81, 10.0)), np.radians(np.arange(0, 81, 8.0))
+    turns = np.radians(np.arange(0 if bilateral else -165, 181, 15.0))
+    grid = np.stack(np.meshgrid(lights[1:], viewers[1:], turns, indexing="ij"), axis=-1).reshape(-1, 3)
+    at_normal = [(0.0, o, 0.0) for o in viewers] + [(i, 0.0, 0.0) for i in lights[1:]]
+    lobe = [
+        (i, np.clip(i + np.radians(d), 0, HALF_PI), np.pi) for i in lights[1:] for d in (-7, -4, -2, -1, 0, 1, 2, 4, 7)
+    ]
+    angles = np.concatenate([grid, at_normal, lobe])
+    _, first = np.unique(np.rint(angles / 1e-4), axis=0, return_index=True)
+    return np.ascontiguousarray(angles[np.sort(first)])
+
+
+def _lattice_shape(shape: tuple[int, ...] | None, bilateral: bool) -> tuple[int, int, int]:
+    given = DEFAULT_SHAPE if shape is None else shape
+    if len(given) != 3 or min(given) < 4:
+        raise InputError(
+            "bad_shape",
+            f"shape = {list(given)}: expected 3 numbers of nodes (theta_h, theta_d, phi_d), each at least 4",
+            where="shape",
+            got=list(given),
+            expected="3 whole numbers >= 4",
+        )
+    return given[0], given[1], given[2] * (1 if bilateral else 2) - (0 if bilateral else 1)
+
+
+def _layout(bilateral: bool) -> Layout:
+    """Nodes along theta_h half by octave, down to a milliradian, half uniform; along the others uniform in the angle.
+
+    The guide follows from the nodes.
+    """
+    from brdfcore.kernels.half_difference import OCTAVES, guide_grid
+
+    x = guide_grid()
+    octaves = np.maximum(np.log2(np.maximum(x, 2.0**-OCTAVES)) + 10, 0) / 10
+    z = np.linspace(0.0 if bilateral else -2.0, 2.0, steps_z(bilateral, False) + 1)
+    quarter = np.floor(np.abs(z))
+    part = np.abs(z) - quarter
+    phi = np.sign(z) * (quarter * HALF_PI + np.arctan2(part, 1 - part))
+    return Layout(
+        guide=np.ones(x.size),
+        map_x=0.5 * octaves + 0.5 * (x - x[0]) / (1 - x[0]),
+        map_y=np.arctan(np.linspace(0, 1, STEPS_Y + 1)) * 4 / np.pi,
+        map_z=(phi - phi[0]) / (phi[-1] - phi[0]),
+        factor="none",
+        bilateral=bilateral,
+        reciprocal=False,
+    )
+
+
+def _nodes(
+    predictor: Predictor,
+    layout: Layout,
+    shape: tuple[int, int, int],
+    coverage: Coverage,
+    values: Float64Array,
+    policy: Policy,
+    progress: Progress | None,
+) -> tuple[Float64Array, list[str]]:
+    """(predicted nodes over the guide, what was done); sets the guide of `layout`."""
+    maps = (layout.map_x, layout.map_y, layout.map_z)
+    x, y, z = (np.interp(np.arange(n) / (n - 1), m, g) for n, m, g in zip(shape, maps, layout.grids()))
+    x[0] = 0.0  # the guide begins at 2^-14; the mirror direction itself is the first node
+    grids = [g.reshape(-1) for g in np.meshgrid(x, y, z, indexing="ij")]
+    theta_i, theta_o, delta_phi = angles_of(*grids)
+    theta_h, theta_d = np.arctan2(grids[0], 1 - grids[0]), 2 * np.arctan(grids[1])
+    features = predictor.features(theta_h, theta_d, theta_i, theta_o, delta_phi)
+    nodes, limited = np.empty((theta_i.size, values.shape[1])), 0
+    for start in range(0, theta_i.size, _CHUNK):
+        part = slice(start, start + _CHUNK)
+        nodes[part], above_limit = predictor(features[part])
+        limited += above_limit
+        if progress is not None:
+            progress(min(start + _CHUNK, theta_i.size), theta_i.size, "predicting the nodes")
+    above = (theta_i <= HALF_PI) & (theta_o <= HALF_PI)
+    holes = np.zeros(theta_i.size, np.bool_)
+    codes = coverage.status(theta_i[above], theta_o[above], delta_phi[above])
+    holes[above] = codes == Status.FILLED
+    done = _settled(nodes, holes, above, (theta_i, theta_o, delta_phi), coverage, values, policy)
+    if limited:
+        done.append(f"{limited} of {nodes.size} nodes held to twice the largest measured value of their channel")
+    shaped = nodes.reshape(*shape, -1)
+    if not layout.bilateral:  # z = -2 and z = 2 are one direction: no step at delta_phi = pi
+        shaped[:, :, 0] = shaped[:, :, -1] = 0.5 * (shaped[:, :, 0] + shaped[:, :, -1])
+    # phi_d has no meaning at h = n and at wi = wo: one value each
+    shaped[0] = shaped[0].mean(axis=1, keepdims=True)
+    shaped[:, 0] = shaped[:, 0].mean(axis=1, keepdims=True)
+    weight = np.where(above, np.cos(np.minimum(theta_i, HALF_PI)) * np.cos(np.minimum(theta_o, HALF_PI)), 0)
+    layout.guide = _guide(shaped, weight.reshape(shape), layout)
+    return shaped / np.interp(x, layout.grids()[0], layout.guide)[:, None, None, None], done
+
+
+def _settled(
+    nodes: Float64Array,
+    holes: npt.NDArray[np.bool_],
+    above: npt.NDArray[np.bool_],
+    angles: tuple[Float64Array, Float64Array, Float64Array],
+    coverage: Coverage,
+    values: Float64Array,
+    policy: Policy,
+) -> list[str]:
+    """Apply the policies for holes and negatives to `nodes`, in place; what was done."""
+    done = []
+    if holes.any():
+        what = {
+            "continue": "continued from the limits of the measured range",
+            "nearest": "given the value of the nearest measurement",
+            "zero": "set to 0",
+        }[policy.holes]
+        if policy.holes == "nearest":
+            nodes[holes] = values[coverage.nearest(*(a[holes] for a in angles))]
+        elif policy.holes == "zero":
+            nodes[holes] = 0
+        share = holes.sum() / above.sum()
+        done.append(f"{share:.0%} of the directions above the horizon are holes: {what} (holes={policy.holes!r})")
+    negative = int((nodes[above] < 0).sum())
+    measured = int((values < 0).sum())
+    if negative and (policy.negatives == "zero" or not measured):
+        np.maximum(nodes, 0, out=nodes)
+        why = "as asked" if measured else "no measurement is negative"
+        done.append(f"{negative} negative nodes set to zero, {why}")
+    return done
+
+
+def _guide(nodes: Float64Array, weight: Float64Array, layout: Layout) -> Float64Array:
+    """The lobe's shape along theta_h: the geometric mean of each slice of nodes, geometric between them."""
+    size = np.abs(nodes).mean(axis=3)
+    floor = 1e-6 * float(size.max()) or 1.0
+    total = weight.sum(axis=(1, 2))
+    log = (weight * np.log(np.maximum(size, floor))).sum(axis=(1, 2)) / np.maximum(total, 1e-300)
+    reached = total > 1e-9
+    place = np.arange(len(log), dtype=float)
+    log = np.interp(place, place[reached], log[reached])
+    return np.asarray(np.exp(np.interp(layout.map_x * (len(log) - 1), place, log)))
