@@ -10,8 +10,9 @@ from app.routers.checks import check_routes
 from app.routers.evaluate import evaluate_routes
 from app.routers.gloss import gloss_routes
 from app.routers.materials import metadata_route
+from app.routers.report import report_routes
 from app.routers.slices import slice_routes
 
 router = APIRouter()
-for _part in (metadata_route, evaluate_routes, slice_routes, albedo_routes, check_routes, gloss_routes):
+for _part in (metadata_route, evaluate_routes, slice_routes, albedo_routes, check_routes, gloss_routes, report_routes):
     router.include_router(_part(BY_ID_ADDRESS))

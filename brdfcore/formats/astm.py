@@ -123,7 +123,10 @@ def measurements_of(path: Path, angles: str = "rad", invalid: str = "drop") -> M
         )
     unit = {"rad": "radians", "deg": "degrees"}[angles]
     return Measurements.from_columns(
-        *(table[:, k] for k in used),
+        table[:, used[0]],
+        table[:, used[1]],
+        table[:, used[2]],
+        table[:, used[3]],
         table[:, values],
         channels,
         file=text.name,

@@ -37,7 +37,7 @@ def report_of(
     """The report of scattered measurements that became `table`."""
     m = measurements
     warnings = list(m.warnings)
-    counts = value_counts(m.values, m.channels)
+    counts: dict[str, Any] = dict(value_counts(m.values, m.channels))
     groups = m.groups()
     sizes = np.bincount(groups)
     identical = _identical(groups, m.values)
@@ -59,6 +59,7 @@ def report_of(
         "file": m.file,
         "sha256": m.source.get("sha256", ""),
         "bytes": m.source.get("bytes", 0),
+        "units": "angles in degrees, f_r in 1/sr",
         "conventions": dict(m.conventions),
         "found": {**{k: v for k, v in m.found.items() if k != "invalid"}, "range": value_range(m.values, m.channels)},
         "counts": counts,
@@ -128,7 +129,7 @@ def noise_of(values: Float64Array, groups: npt.NDArray[np.int64], channels: Chan
 
 def measured_symmetries(m: Measurements) -> dict[str, Any]:
     """Reciprocity and bilateral symmetry of pairs of geometries that were both measured, with the worst pair."""
-    found = {}
+    found: dict[str, dict[str, Any]] = {}
     for name, partner in (
         ("reciprocity", (m.theta_o, m.theta_i, -m.delta_phi)),
         ("bilateral", (m.theta_i, m.theta_o, -m.delta_phi)),
@@ -150,7 +151,7 @@ def measured_symmetries(m: Measurements) -> dict[str, Any]:
             "defect": _number(np.abs(a - b).sum() / max(float(np.abs(a).sum()), 1e-300)),
             "worst pair": {
                 **_geometry(m.theta_i[first], m.theta_o[first], m.delta_phi[first]),
-                "values": [_number(m.values[first].mean()), _number(m.values[second].mean())],
+                "mean f_r": [_number(m.values[first].mean()), _number(m.values[second].mean())],
                 "lines": [int(m.lines[first]), int(m.lines[second])],
             },
         }
@@ -186,12 +187,24 @@ def symmetries(b: Brdf, coverage: Coverage | None = None) -> dict[str, Any]:
             "defect": _number(float(difference.sum()) / total) if total > 0 else 0.0,
             "worst pair": {
                 **_geometry(theta_i[worst], theta_o[worst], delta_phi[worst]),
-                "values": [_number(here[worst].mean()), _number(there[worst].mean())],
+                "mean f_r": [_number(here[worst].mean()), _number(there[worst].mean())],
             },
         }
         if not used.any() or not difference.any():
             del found[name]["worst pair"]
     return found
+
+
+def measures_of(b: Brdf, values: npt.NDArray[Any], before: Brdf | None = None) -> dict[str, Any]:
+    """What a reader of whole tables reports beside what it found: counts of `values` (..., channels), the symmetries
+    and the albedo of `b`; `before` is the table as it stands in the file, where that is another."""
+    counts = value_counts(values, b.channels)
+    return {
+        "units": "angles in degrees, f_r in 1/sr",
+        "counts": counts,
+        **symmetries(b),
+        "albedo": albedo_of(b, None, before),
+    }
 
 
 # ---- albedo and coverage ----------------------------------------------------------------------
@@ -239,8 +252,10 @@ def coverage_of(coverage: Coverage) -> dict[str, Any]:
     shares = {s.name.lower(): _number((codes == s).mean()) for s in Status if s is not Status.OUTSIDE}
     return {
         "theta_i": lights.tolist() if lights.size <= 24 else [float(lights[0]), float(lights[-1])],
-        "theta_i angles": int(lights.size),
-        "theta_o": [round(float(np.degrees(x)), 2) for x in (coverage.angles[:, 1].min(), coverage.angles[:, 1].max())],
+        "number of theta_i": int(lights.size),
+        "theta_o from, to": [
+            round(float(np.degrees(x)), 2) for x in (coverage.angles[:, 1].min(), coverage.angles[:, 1].max())
+        ],
         "only in the plane of incidence": coverage.in_plane,
         "share of all directions": shares,
     }

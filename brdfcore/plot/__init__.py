@@ -14,6 +14,7 @@ _PUBLIC = {
     "slice": "brdfcore.plot.slices",
     "polar": "brdfcore.plot.half_disc",
     "hemisphere": "brdfcore.plot.disc",
+    "coverage": "brdfcore.plot.coverage",
     "render": "brdfcore.plot.rendering",
 }
 

@@ -141,7 +141,7 @@ class Scattered(HalfLattice):
             "done": done,
             "interpolation": {
                 **settings.to_json(),
-                "held-out error": None if np.isnan(error) else error,
+                "held-out error": None if np.isnan(error) else float(f"{error:.3g}"),
                 "in the plane of incidence only": coverage.in_plane,
             },
         }

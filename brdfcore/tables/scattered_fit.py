@@ -68,6 +68,8 @@ _BASES = (
 _FLOORS = (0.01,)
 #: What misses the measured energy itself by 1 % counts as a held-out error of .1 %: a lobe is not smoothed away.
 _ENERGY_WEIGHT = 0.1
+#: A setting later in the list has to be better by this factor: chance picks no odd one.
+_BETTER = 0.98
 #: Smoothing of points with no noise to speak of: keeps the equations solvable where geometries nearly meet.
 _LEAST_SMOOTHING = 1e-8
 
@@ -92,7 +94,7 @@ class Predictor:
         # a coordinate that never changes would make the linear part of the interpolator singular
         self._used = np.ptp(features, axis=0) > 1e-9
         degree = 1 if len(angles) > 4 * (int(self._used.sum()) + 1) else 0
-        self._interpolator = RBFInterpolator(
+        self._interpolator: Any = RBFInterpolator(  # type: ignore[call-overload]  # a kernel of `_BASES`
             features[:, self._used],
             transformed,
             kernel=settings.kernel,
@@ -172,7 +174,7 @@ def choose(
         return found + _ENERGY_WEIGHT * lost, found
 
     least = errors(best)
-    stages = [
+    stages: list[list[dict[str, Any]]] = [
         [{"width": w, "stretch": s} for w, s in _COORDINATES],
         [{"kernel": k, "smoothing": s if smoothing is None else smoothing, "noise": n} for k, s, n in _BASES],
         [{"floor": f} for f in _FLOORS],
@@ -187,7 +189,7 @@ def choose(
                 found = errors(candidate)
             except np.linalg.LinAlgError:  # measurements that lie too regularly for this basis
                 continue
-            if found < least:
+            if found[0] < _BETTER * least[0]:
                 best, least = candidate, found
     return best, least[1]
 
