@@ -106,9 +106,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3, help="random choices of them")
     parser.add_argument("--files", nargs="*", default=list(FILES), choices=list(FILES))
     given = parser.parse_args()
-    print(
-        f"hold-out of {given.share:.0%} of the geometries, {given.seeds} seeds; errors relative, median (90th percentile)"
-    )
+    print(f"hold-out of {given.share:.0%} of the geometries, {given.seeds} seeds; relative errors, median (90 %)")
     print(f"{'file':12} {'seed':>4} {'left out':>8} {'a geometry':>17} {'a value > 0':>17} {'noise':>6}  zeros")
     for name in given.files:
         path, options = FILES[name]
@@ -127,7 +125,8 @@ def main() -> None:
             )
         how = r["interpolation"]
         print(
-            f"             {how['kernel']}, smoothing {how['smoothing']:g} ({how['noise']} noise), width {how['width']:g}"
+            f"             {how['kernel']}, smoothing {how['smoothing']:g} ({how['noise']} noise), "
+            f"width {how['width']:g}"
         )
 
 
