@@ -281,7 +281,8 @@ def to_brdf(measurements: Measurements, **options: Any) -> Brdf:
     Raises `InputError` for an option out of range, or too few geometries.
     """
     from brdfcore.formats.import_report import report_of
-    from brdfcore.tables.scattered import Policy, Scattered
+    from brdfcore.tables.scattered import Scattered
+    from brdfcore.tables.scattered_lattice import Policy
 
     chosen = resolve("measurements", POLICIES, options)
     done = list(measurements.done)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
 
@@ -15,35 +14,21 @@ from brdfcore.conventions import HALF_PI, FloatArray
 from brdfcore.errors import FileFormatError, InputError, LimitError
 from brdfcore.metrics import measured_flags
 from brdfcore.parameters import Parameter
-from brdfcore.status import Status
 from brdfcore.tables.base import FLAGS, BuildOptions, Progress
 from brdfcore.tables.coverage import Coverage
-from brdfcore.tables.half_fit import STEPS_Y, Layout, angles_of
-from brdfcore.tables.half_lattice import HalfLattice, lattice_arrays, steps_z
+from brdfcore.tables.half_lattice import HalfLattice, lattice_arrays
 from brdfcore.tables.scattered_fit import Predictor, Settings, choose
+from brdfcore.tables.scattered_lattice import Policy, lattice_shape, layout_of, meet, nodes_of
 
 Float64Array = npt.NDArray[np.float64]
 
-#: Nodes along theta_h, theta_d and half a turn of phi_d where no shape is asked for.
-DEFAULT_SHAPE = (64, 28, 24)
 #: Most geometries regridded, and most nodes of the lattice, times channels: minutes and gigabytes beyond.
 MAX_POINTS, MAX_NODES = 200_000, 20_000_000
 #: Fewest geometries: with less nothing is known between them.
 MIN_POINTS = 8
+#: Largest f_r taken, 1/sr: a mirror seen under a tenth of a microradian.
+LARGEST_VALUE = 1e15
 HOLES = ("continue", "nearest", "zero")
-#: Nodes predicted at a time.
-_CHUNK = 8_192
-
-
-@dataclass(frozen=True)
-class Policy:
-    """How measurements become a lattice; what each field means: `Scattered.PARAMETERS`. `gap` in rad."""
-
-    holes: str = "continue"
-    negatives: str = "keep"
-    smoothing: float | None = None
-    gap: float = float(np.radians(15))
-    shape: tuple[int, ...] | None = None
 
 
 class Scattered(HalfLattice):
@@ -111,7 +96,7 @@ class Scattered(HalfLattice):
                 got=n,
                 expected=f"at least {MIN_POINTS}",
             )
-        shape = _lattice_shape(policy.shape, bilateral)
+        shape = lattice_shape(policy.shape, bilateral)
         if n > MAX_POINTS or np.prod([float(s) for s in shape]) * len(channels) > MAX_NODES:
             raise LimitError(
                 "too_large",
@@ -121,13 +106,24 @@ class Scattered(HalfLattice):
                 got=n,
                 limit=MAX_POINTS,
             )
+        largest = float(np.abs(means).max())
+        if not largest <= LARGEST_VALUE:
+            raise LimitError(
+                "value_too_large",
+                f"a value of {largest:.3g}/sr: no instrument resolves more than {LARGEST_VALUE:g}/sr; is the unit "
+                "or the column right?",
+                where="measurements",
+                got=largest,
+                limit=LARGEST_VALUE,
+            )
         if progress is not None:
             progress(0, 1, "choosing the interpolator")
         coverage = Coverage(angles, policy.gap, bilateral)
         settings, error = choose(points, means, bilateral, coverage.in_plane, policy.smoothing)
         predictor = Predictor(points, means, bilateral, coverage.in_plane, settings)
-        layout = _layout(bilateral)
-        nodes, done = _nodes(predictor, layout, shape, coverage, values, policy, progress)
+        layout = layout_of(bilateral)
+        nodes, done = nodes_of(predictor, layout, shape, coverage, values, policy, progress)
+        meet(nodes, layout, points, predictor.at(*points.T))
         if n < len(angles):
             done.insert(0, f"{len(angles)} rows averaged into {n} geometries")
         arrays, scale = lattice_arrays(nodes, layout)
@@ -265,126 +261,3 @@ def goniometer(bilateral: bool) -> Float64Array:
     angles = np.concatenate([grid, at_normal, lobe])
     _, first = np.unique(np.rint(angles / 1e-4), axis=0, return_index=True)
     return np.ascontiguousarray(angles[np.sort(first)])
-
-
-def _lattice_shape(shape: tuple[int, ...] | None, bilateral: bool) -> tuple[int, int, int]:
-    given = DEFAULT_SHAPE if shape is None else shape
-    if len(given) != 3 or min(given) < 4:
-        raise InputError(
-            "bad_shape",
-            f"shape = {list(given)}: expected 3 numbers of nodes (theta_h, theta_d, phi_d), each at least 4",
-            where="shape",
-            got=list(given),
-            expected="3 whole numbers >= 4",
-        )
-    return given[0], given[1], given[2] * (1 if bilateral else 2) - (0 if bilateral else 1)
-
-
-def _layout(bilateral: bool) -> Layout:
-    """Nodes along theta_h half by octave, down to a milliradian, half uniform; along the others uniform in the angle.
-
-    The guide follows from the nodes.
-    """
-    from brdfcore.kernels.half_difference import OCTAVES, guide_grid
-
-    x = guide_grid()
-    octaves = np.maximum(np.log2(np.maximum(x, 2.0**-OCTAVES)) + 10, 0) / 10
-    z = np.linspace(0.0 if bilateral else -2.0, 2.0, steps_z(bilateral, False) + 1)
-    quarter = np.floor(np.abs(z))
-    part = np.abs(z) - quarter
-    phi = np.sign(z) * (quarter * HALF_PI + np.arctan2(part, 1 - part))
-    return Layout(
-        guide=np.ones(x.size),
-        map_x=0.5 * octaves + 0.5 * (x - x[0]) / (1 - x[0]),
-        map_y=np.arctan(np.linspace(0, 1, STEPS_Y + 1)) * 4 / np.pi,
-        map_z=(phi - phi[0]) / (phi[-1] - phi[0]),
-        factor="none",
-        bilateral=bilateral,
-        reciprocal=False,
-    )
-
-
-def _nodes(
-    predictor: Predictor,
-    layout: Layout,
-    shape: tuple[int, int, int],
-    coverage: Coverage,
-    values: Float64Array,
-    policy: Policy,
-    progress: Progress | None,
-) -> tuple[Float64Array, list[str]]:
-    """(predicted nodes over the guide, what was done); sets the guide of `layout`."""
-    maps = (layout.map_x, layout.map_y, layout.map_z)
-    x, y, z = (np.interp(np.arange(n) / (n - 1), m, g) for n, m, g in zip(shape, maps, layout.grids()))
-    x[0] = 0.0  # the guide begins at 2^-14; the mirror direction itself is the first node
-    grids = [g.reshape(-1) for g in np.meshgrid(x, y, z, indexing="ij")]
-    theta_i, theta_o, delta_phi = angles_of(*grids)
-    theta_h, theta_d = np.arctan2(grids[0], 1 - grids[0]), 2 * np.arctan(grids[1])
-    features = predictor.features(theta_h, theta_d, theta_i, theta_o, delta_phi)
-    nodes, limited = np.empty((theta_i.size, values.shape[1])), 0
-    for start in range(0, theta_i.size, _CHUNK):
-        part = slice(start, start + _CHUNK)
-        nodes[part], above_limit = predictor(features[part])
-        limited += above_limit
-        if progress is not None:
-            progress(min(start + _CHUNK, theta_i.size), theta_i.size, "predicting the nodes")
-    above = (theta_i <= HALF_PI) & (theta_o <= HALF_PI)
-    holes = np.zeros(theta_i.size, np.bool_)
-    codes = coverage.status(theta_i[above], theta_o[above], delta_phi[above])
-    holes[above] = codes == Status.FILLED
-    done = _settled(nodes, holes, above, (theta_i, theta_o, delta_phi), coverage, values, policy)
-    if limited:
-        done.append(f"{limited} of {nodes.size} nodes held to twice the largest measured value of their channel")
-    shaped = nodes.reshape(*shape, -1)
-    if not layout.bilateral:  # z = -2 and z = 2 are one direction: no step at delta_phi = pi
-        shaped[:, :, 0] = shaped[:, :, -1] = 0.5 * (shaped[:, :, 0] + shaped[:, :, -1])
-    # phi_d has no meaning at h = n and at wi = wo: one value each
-    shaped[0] = shaped[0].mean(axis=1, keepdims=True)
-    shaped[:, 0] = shaped[:, 0].mean(axis=1, keepdims=True)
-    weight = np.where(above, np.cos(np.minimum(theta_i, HALF_PI)) * np.cos(np.minimum(theta_o, HALF_PI)), 0)
-    layout.guide = _guide(shaped, weight.reshape(shape), layout)
-    return shaped / np.interp(x, layout.grids()[0], layout.guide)[:, None, None, None], done
-
-
-def _settled(
-    nodes: Float64Array,
-    holes: npt.NDArray[np.bool_],
-    above: npt.NDArray[np.bool_],
-    angles: tuple[Float64Array, Float64Array, Float64Array],
-    coverage: Coverage,
-    values: Float64Array,
-    policy: Policy,
-) -> list[str]:
-    """Apply the policies for holes and negatives to `nodes`, in place; what was done."""
-    done = []
-    if holes.any():
-        what = {
-            "continue": "continued from the limits of the measured range",
-            "nearest": "given the value of the nearest measurement",
-            "zero": "set to 0",
-        }[policy.holes]
-        if policy.holes == "nearest":
-            nodes[holes] = values[coverage.nearest(*(a[holes] for a in angles))]
-        elif policy.holes == "zero":
-            nodes[holes] = 0
-        share = holes.sum() / above.sum()
-        done.append(f"{share:.0%} of the directions above the horizon are holes: {what} (holes={policy.holes!r})")
-    negative = int((nodes[above] < 0).sum())
-    measured = int((values < 0).sum())
-    if negative and (policy.negatives == "zero" or not measured):
-        np.maximum(nodes, 0, out=nodes)
-        why = "as asked" if measured else "no measurement is negative"
-        done.append(f"{negative} negative nodes set to zero, {why}")
-    return done
-
-
-def _guide(nodes: Float64Array, weight: Float64Array, layout: Layout) -> Float64Array:
-    """The lobe's shape along theta_h: the geometric mean of each slice of nodes, geometric between them."""
-    size = np.abs(nodes).mean(axis=3)
-    floor = 1e-6 * float(size.max()) or 1.0
-    total = weight.sum(axis=(1, 2))
-    log = (weight * np.log(np.maximum(size, floor))).sum(axis=(1, 2)) / np.maximum(total, 1e-300)
-    reached = total > 1e-9
-    place = np.arange(len(log), dtype=float)
-    log = np.interp(place, place[reached], log[reached])
-    return np.asarray(np.exp(np.interp(layout.map_x * (len(log) - 1), place, log)))

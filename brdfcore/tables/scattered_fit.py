@@ -106,7 +106,7 @@ class Predictor:
     def _smoothing(self, typical: Float64Array) -> Float64Array | float:
         if self.settings.noise == "relative" or self.settings.smoothing == 0:
             return self.settings.smoothing
-        share = 10 * self.floor**2 / (typical**2 + self.floor**2)
+        share = 10 / ((typical / self.floor) ** 2 + 1)
         return np.asarray(self.settings.smoothing * share + _LEAST_SMOOTHING)
 
     def _features(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:

@@ -17,11 +17,13 @@ Array = npt.NDArray[np.float64]
 def geometries(
     lights: int = 5, viewers: int = 6, turns: int = 7, both_sides: bool = False
 ) -> tuple[Array, Array, Array]:
-    """theta_i to 75, theta_o to 80, delta_phi to 180 degrees (both sides: from -150), in degrees, (n,) each."""
-    turn = np.linspace(-150, 180, 2 * turns - 2) if both_sides else np.linspace(0, 180, turns)
+    """theta_i to 75, theta_o to 80, delta_phi to 180 degrees (both sides: down to -180), in degrees, (n,) each."""
+    turn = np.linspace(0, 180, turns)
+    if both_sides:
+        turn = np.concatenate([-turn[-2:0:-1], turn])
     grid = np.meshgrid(np.linspace(0, 75, lights), np.linspace(0, 80, viewers), turn, indexing="ij")
     theta_i, theta_o, delta_phi = (g.reshape(-1) for g in grid)
-    once = (np.minimum(theta_i, theta_o) > 0) | (delta_phi == 0 if not both_sides else delta_phi == 180)
+    once = (np.minimum(theta_i, theta_o) > 0) | (delta_phi == 0)
     return theta_i[once], theta_o[once], delta_phi[once]
 
 

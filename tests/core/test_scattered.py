@@ -71,8 +71,8 @@ def test_holes_follow_the_policy(holes: str) -> None:
     inside, grazing = b.evaluate(0.7, 1.2, 0.5)[0], b.evaluate(1.5, 0.5, 2.0)[0]
     assert (b.status(0.7, 1.2, 0.5), b.status(1.5, 0.5, 2.0)) == (Status.FILLED, Status.FILLED)
     expected = 0.0 if holes == "zero" else 0.6 / np.pi
-    assert inside == pytest.approx(expected, rel=3e-3, abs=1e-6)
-    assert grazing == pytest.approx(expected, rel=3e-3, abs=1e-6)
+    assert inside == pytest.approx(expected, rel=3e-3, abs=1e-3)  # a hole's edge is a cell of the lattice wide
+    assert grazing == pytest.approx(expected, rel=3e-3, abs=1e-3)
     assert any(f"holes={holes!r}" in text for text in b.report["done"])
     albedo = b.report["albedo"]
     assert all(before <= after * 1.001 for before, after in zip(albedo["before"], albedo["after"], strict=True))
@@ -111,7 +111,7 @@ def test_two_sided_measurements_keep_both_sides() -> None:
     assert b.report["counts"]["negative"]["B"] > 0  # negative values stay, unless asked otherwise
     assert b.evaluate(1.2, 0.3, 0.3)[2] < -0.3
     zeroed = to_brdf(m, negatives="zero")
-    assert zeroed.evaluate(1.2, 0.3, 0.3)[2] == 0
+    assert 0 <= zeroed.evaluate(1.2, 0.3, 0.3)[2] < 0.02
     assert zeroed.non_negative
     assert any("negative values set to zero" in text for text in zeroed.report["done"])
 
@@ -175,7 +175,7 @@ def test_extreme_values(values: float) -> None:
         theta_i, 0.0, theta_o, delta_phi, np.full((theta_i.size, 1), values), VALUE, file="x", format="t"
     )
     if values == 1e30:
-        with pytest.raises(bc.LimitError, match="1e"):
+        with pytest.raises(bc.LimitError, match="unit"):
             to_brdf(m)
         return
     assert np.isfinite(to_brdf(m).evaluate(0.5, 0.5, 2.0)).all()
@@ -198,7 +198,7 @@ def test_held_out_geometries(name: str, limit: float) -> None:
         m.theta_i, 0.0, m.theta_o, m.delta_phi, m.values[:, ::3], bc.Channels(m.channels[::3]),
         file=name, format="t", degrees=False,
     )  # fmt: skip
-    found = held_out(fewer, 0.2, seed=0, shape="[48,20,16]")
+    found = held_out(fewer, 0.2, seed=0, shape="[40,16,16]")
     assert float(np.median(found["geometry"])) < limit
 
 
@@ -215,8 +215,8 @@ def test_ptfe() -> None:
 
 @needs_shared
 def test_solar_array_is_read() -> None:
-    b = to_brdf(measurements(*FILES["solar_array"]), shape="[48,16,12]")
+    b = to_brdf(measurements(*FILES["solar_array"]))
     assert b.report["coverage"]["only in the plane of incidence"] is True
     peak = b.evaluate(*np.radians([75.0, 75, 180]))[0]
-    assert peak == pytest.approx(53_341.4, rel=0.1)
+    assert peak == pytest.approx(53_341.4, rel=0.02)
     assert b.status(*np.radians([60.0, 60, 120])) == Status.FILLED
