@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import re
+from array import array
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from brdfcore.atomic import replacing
 from brdfcore.brdf import Brdf, Channels
 from brdfcore.errors import InputError
 from brdfcore.formats.base import Format
 from brdfcore.formats.measurements import POLICIES, Measurements, not_scattered, to_brdf
-from brdfcore.formats.text_rows import MAX_NUMBERS, TextFile
+from brdfcore.formats.text_rows import MAX_NUMBERS, TextFile, printable
 from brdfcore.parameters import Parameter, resolve
 from brdfcore.tables.scattered import Scattered
 
@@ -107,11 +109,10 @@ def measurements_of(path: Path, angles: str = "rad", invalid: str = "drop") -> M
         raise text.bad(at, "VARS", "no column of values", "theta_i, phi_i, theta_s, phi_s, values")
     channels = _channels(text, at, [names[k] for k in values])
     declared = _declared(text, header, len(names))
-    rows, numbers = _rows(text, start, names, declared)
-    table = np.array(rows, np.float64).reshape(len(rows), len(names))
-    if declared is not None and len(rows) != declared[0]:
-        raise text.bad(declared[1], "NUM_POINTS", f"{declared[0]} announced, {len(rows)} rows found", "as many rows")
-    if not rows:
+    table, numbers = _rows(text, start, names, declared)
+    if declared is not None and len(table) != declared[0]:
+        raise text.bad(declared[1], "NUM_POINTS", f"{declared[0]} announced, {len(table)} rows found", "as many rows")
+    if not len(table):
         raise text.bad(len(text.lines), "rows", "no rows after VARS", "a row for each geometry")
     largest = float(np.nan_to_num(np.abs(table[:, [used[0], used[2]]])).max())
     if angles == "rad" and np.pi < largest <= 180:
@@ -152,7 +153,7 @@ def _header(text: TextFile) -> tuple[dict[str, tuple[str, int]], int]:
             raise text.bad(k + 1, "header", f"{line.strip()[:40]!r}", "NAME value, and a line VARS before the rows")
         if name in header:
             raise text.bad(k + 1, name, f"given twice, first in line {header[name][1]}", "each once")
-        header[name] = (value.strip().encode("ascii", "backslashreplace").decode(), k + 1)
+        header[name] = (printable(value.strip()), k + 1)
         if name == "VARS":
             return header, k + 1
     raise text.bad(min(len(text.lines), _MAX_HEADER), "VARS", "no line VARS", "VARS and the names of the columns")
@@ -174,8 +175,8 @@ def _declared(text: TextFile, header: dict[str, tuple[str, int]], columns: int) 
 
 def _rows(
     text: TextFile, start: int, names: list[str], declared: tuple[int, int] | None
-) -> tuple[list[list[float]], list[int]]:
-    rows, numbers = [], []
+) -> tuple[npt.NDArray[np.float64], list[int]]:
+    rows, numbers = array("d"), []
     for k in range(start, len(text.lines)):
         line = text.lines[k].strip()
         if not line:
@@ -183,13 +184,13 @@ def _rows(
         cells = line.split(",") if "," in line else line.split()
         if len(cells) != len(names):
             raise text.bad(k + 1, "row", f"{len(cells)} fields", f"{len(names)}, as VARS names")
-        rows.append([text.number(c, k + 1, names[n]) for n, c in enumerate(cells)])
+        rows.extend(text.number(c, k + 1, names[n]) for n, c in enumerate(cells))
         numbers.append(k + 1)
-        if declared is not None and len(rows) > declared[0]:
+        if declared is not None and len(numbers) > declared[0]:
             raise text.bad(k + 1, "NUM_POINTS", f"more rows than the {declared[0]} announced", "as many")
-        if len(rows) * len(names) > MAX_NUMBERS:
+        if len(rows) > MAX_NUMBERS:
             raise text.bad(k + 1, "row", f"more than {MAX_NUMBERS} numbers", "a smaller file")
-    return rows, numbers
+    return np.array(rows, np.float64).reshape(len(numbers), len(names)), numbers
 
 
 def _channels(text: TextFile, line: int, names: list[str]) -> Channels:
@@ -197,6 +198,6 @@ def _channels(text: TextFile, line: int, names: list[str]) -> Channels:
     try:
         if all(found):
             return Channels([float(m[1]) * (1000 if m[2].lower() == "um" else 1) for m in found if m], "wavelength")
-        return Channels([n.encode("ascii", "backslashreplace").decode() for n in names])
+        return Channels(printable([n) for n in names])
     except InputError as error:
         raise text.bad(line, "VARS", f"columns {', '.join(names)[:80]}: {error.detail[:120]}", "wavelengths") from error

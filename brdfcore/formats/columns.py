@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.errors import FileFormatError
-from brdfcore.formats.text_rows import MAX_NUMBERS, TextFile
+from brdfcore.formats.text_rows import MAX_NUMBERS, TextFile, printable
 
 #: Roles of columns that hold one number a row.
 ROLES = ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi", "wavelength")
@@ -91,7 +91,7 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
     if len(names) > _MAX_COLUMNS:
         raise text.bad(line, "header", f"{len(names)} columns", f"at most {_MAX_COLUMNS}")
     numeric = all(_is_number(name) for name in names)
-    header = [] if numeric else [n.strip('"').encode("ascii", "backslashreplace").decode() for n in names]
+    header = [] if numeric else printable([n.strip('"')) for n in names]
     places, values, unit, own = _placed(text, line, header, len(names), chosen)
     missing = _missing(places, values, unit, own, chosen)
     if missing:
@@ -122,7 +122,7 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
         own_header=own and all(chosen[k] is None for k in ("angles", "mirror", "quantity", "value", *ROLES)),
         separator=_SEPARATORS[separator],
         header_line=line,
-        title=comments[0].encode("ascii", "backslashreplace").decode()[:200] if comments else "",
+        title=printable(comments[0])[:200] if comments else "",
     )
 
 

@@ -9,16 +9,25 @@ from typing import Any
 
 from brdfcore.errors import FileFormatError, LimitError, StorageError
 
-#: Largest file and longest line read, bytes; most numbers kept of a file. A real file has 10 MB and lines of 1 kB.
-MAX_BYTES, MAX_LINE, MAX_NUMBERS = 64_000_000, 100_000, 4_000_000
+#: Largest file and longest line read, bytes; most lines, and numbers kept of a file: together below 200 MB of memory.
+#: Real files have a few MB and lines of 1 kB.
+MAX_BYTES, MAX_LINE, MAX_LINES, MAX_NUMBERS = 32_000_000, 100_000, 200_000, 4_000_000
+#: What `str.splitlines` takes for the end of a line, of one byte.
+_BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e")
+
+
+def printable(text: str) -> str:
+    """`text` in ASCII, other bytes and control characters as \\x1b: safe on a terminal and in a report."""
+    plain = text.encode("ascii", "backslashreplace").decode()
+    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in plain)
 
 
 class TextFile:
     """The lines of a small text file, numbered from 1.
 
     Raises `StorageError` if it can't be opened, `LimitError` if it is larger than `MAX_BYTES`, `FileFormatError` if it
-    is empty, no text, has a line longer than `MAX_LINE`, or ends within a line: a file cut short inside its last number
-    would still read.
+    is empty, no text, has more than `MAX_LINES` lines or one longer than `MAX_LINE`, or ends within a line: a file cut
+    short inside its last number would still read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -56,6 +65,9 @@ class TextFile:
         place = raw.find(b"\0")
         if place >= 0:
             raise self.bad(raw.count(b"\n", 0, place) + 1, "", f"a zero byte at offset {place}: no text", "text")
+        count = sum(raw.count(end) for end in _BREAKS)
+        if count > MAX_LINES:
+            raise self.bad(MAX_LINES, "", f"{count} lines in all", f"at most {MAX_LINES}")
         start = 0
         for number, piece in enumerate(_pieces(raw), 1):
             if piece > MAX_LINE:
@@ -67,8 +79,8 @@ class TextFile:
         return {"sha256": self.sha256, "bytes": self.bytes}
 
     def bad(self, line: int, field: str, got: str, expected: str, code: str = "bad_row") -> FileFormatError:
+        got, expected, field = printable(got), printable(expected), printable(field)
         place = f"line {line}" + (f", {field}" if field else "")
-        got = got.encode("ascii", "backslashreplace").decode()
         return FileFormatError(
             code,
             f"{self.name}: {place}: {got}; expected {expected}",

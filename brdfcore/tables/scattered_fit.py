@@ -70,6 +70,8 @@ _FLOORS = (0.01,)
 _ENERGY_WEIGHT = 0.1
 #: A setting later in the list has to be better by this factor: chance picks no odd one.
 _BETTER = 0.98
+#: Extent, against the largest, below which measurements do not extend in a direction of the coordinates.
+_FLAT = 1e-6
 #: Smoothing of points with no noise to speak of: keeps the equations solvable where geometries nearly meet.
 _LEAST_SMOOTHING = 1e-8
 
@@ -91,17 +93,24 @@ class Predictor:
         self._limits = np.minimum(transformed.min(axis=0), 0), np.maximum(highest, transformed.max(axis=0))
         features = self._features(*angles.T)
         self._range = features.min(axis=0), features.max(axis=0)
-        # a coordinate that never changes would make the linear part of the interpolator singular
-        self._used = np.ptp(features, axis=0) > 1e-9
-        degree = 1 if len(angles) > 4 * (int(self._used.sum()) + 1) else 0
+        # coordinates that never change, or only together, would make the linear part of the interpolator singular
+        self._centre = features.mean(axis=0)
+        _, sizes, axes = np.linalg.svd(features - self._centre, full_matrices=False)
+        self._axes = axes[sizes > _FLAT * sizes[0]].T
+        local = len(angles) > ALL_AT_ONCE
+        # the nearest measurements may lie in a plane: no linear part for them
+        linear = settings.kernel == "thin_plate_spline" or (not local and len(angles) > 4 * (self._axes.shape[1] + 1))
         self._interpolator: Any = RBFInterpolator(  # type: ignore[call-overload]  # a kernel of `_BASES`
-            features[:, self._used],
+            self._flattened(features),
             transformed,
             kernel=settings.kernel,
             smoothing=self._smoothing(typical),
-            degree=max(degree, 1 if settings.kernel == "thin_plate_spline" else 0),
-            neighbors=NEIGHBOURS if len(angles) > ALL_AT_ONCE else None,
+            degree=1 if linear else 0,
+            neighbors=NEIGHBOURS if local else None,
         )
+
+    def _flattened(self, features: Float64Array) -> Float64Array:
+        return np.asarray((features - self._centre) @ self._axes)
 
     def _smoothing(self, typical: Float64Array) -> Float64Array | float:
         if self.settings.noise == "relative" or self.settings.smoothing == 0:
@@ -138,8 +147,7 @@ class Predictor:
 
         Coordinates beyond the range of the measured ones are held at its limits: f goes on as it was there.
         """
-        held = np.clip(features, *self._range)[:, self._used]
-        found = self._interpolator(held)
+        found = self._interpolator(self._flattened(np.clip(features, *self._range)))
         low, high = self._limits
         limited = int((found > high).sum())
         return np.sinh(np.clip(found, low, high)) * self.floor, limited
@@ -160,15 +168,20 @@ def choose(
     rng = np.random.default_rng(_SEED)
     order = rng.permutation(len(angles))[:_CHOSEN_ON]
     held, kept = np.split(order, [int(_HELD_OUT * order.size)])
-    best = Settings() if smoothing is None else Settings(smoothing=smoothing)
+    local = len(angles) > ALL_AT_ONCE
+    robust = Settings(kernel="linear", smoothing=3e-2 if smoothing is None else smoothing, noise="relative")
+    best = robust if local else Settings(smoothing=Settings.smoothing if smoothing is None else smoothing)
     if held.size < 4 or kept.size < 12:
-        return best, float("nan")
+        return robust, float("nan")
 
     cosine = np.cos(angles[kept, 1])
     energy = float(cosine @ np.abs(values[kept]).sum(axis=1)) or 1.0
 
     def errors(settings: Settings) -> tuple[float, float]:
-        predictor = Predictor(angles[kept], values[kept], bilateral, in_plane, settings)
+        try:
+            predictor = Predictor(angles[kept], values[kept], bilateral, in_plane, settings)
+        except np.linalg.LinAlgError:  # measurements that lie too regularly for this basis
+            return np.inf, np.inf
         found = float(relative_errors(values[held], predictor.at(*angles[held].T)).mean())
         lost = float(cosine @ np.abs(predictor.at(*angles[kept].T) - values[kept]).sum(axis=1)) / energy
         return found + _ENERGY_WEIGHT * lost, found
@@ -176,7 +189,11 @@ def choose(
     least = errors(best)
     stages: list[list[dict[str, Any]]] = [
         [{"width": w, "stretch": s} for w, s in _COORDINATES],
-        [{"kernel": k, "smoothing": s if smoothing is None else smoothing, "noise": n} for k, s, n in _BASES],
+        [
+            {"kernel": k, "smoothing": s if smoothing is None else smoothing, "noise": n}
+            for k, s, n in _BASES
+            if not local or k == "linear"
+        ],
         [{"floor": f} for f in _FLOORS],
     ]
     for stage in stages:
@@ -185,13 +202,10 @@ def choose(
             candidate = replace(start, **change)
             if candidate == start:
                 continue
-            try:
-                found = errors(candidate)
-            except np.linalg.LinAlgError:  # measurements that lie too regularly for this basis
-                continue
+            found = errors(candidate)
             if found[0] < _BETTER * least[0]:
                 best, least = candidate, found
-    return best, least[1]
+    return (best, least[1]) if np.isfinite(least[0]) else (robust, float("nan"))
 
 
 def relative_errors(truth: Float64Array, predicted: Float64Array) -> Float64Array:

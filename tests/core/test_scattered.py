@@ -220,3 +220,23 @@ def test_solar_array_is_read() -> None:
     peak = b.evaluate(*np.radians([75.0, 75, 180]))[0]
     assert peak == pytest.approx(53_341.4, rel=0.02)
     assert b.status(*np.radians([60.0, 60, 120])) == Status.FILLED
+
+
+@pytest.mark.parametrize("kind", ["one theta_i", "retro-reflection", "mirror", "on a line", "at the normal"])
+def test_measurements_that_span_little(kind: str) -> None:
+    """No basis is singular for them, and nothing is said to be known away from them."""
+    t = np.linspace(0.05, 1.3, 30)
+    theta_i, theta_o, delta_phi = {
+        "one theta_i": (0 * t + 0.5, t, np.tile([0.0, 1.0, 2.0], 10)),
+        "retro-reflection": (t, t, 0 * t),
+        "mirror": (t, t, 0 * t + np.pi),
+        "on a line": (0 * t + 0.5, t, 0 * t + 1),
+        "at the normal": (0 * t, t, 0 * t),
+    }[kind]
+    m = Measurements.from_columns(
+        theta_i, 0.0, theta_o, delta_phi, np.full((30, 1), 0.2), VALUE, file="x", format="t", degrees=False
+    )
+    b = to_brdf(m, shape="[8,8,8]")
+    assert b.evaluate(theta_i, theta_o, delta_phi)[:, 0] == pytest.approx(0.2, rel=2e-3)
+    assert (b.status(theta_i, theta_o, delta_phi) == Status.MEASURED).all()
+    assert b.status(1.45, 1.45, 1.5) == Status.FILLED
