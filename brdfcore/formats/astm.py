@@ -198,6 +198,6 @@ def _channels(text: TextFile, line: int, names: list[str]) -> Channels:
     try:
         if all(found):
             return Channels([float(m[1]) * (1000 if m[2].lower() == "um" else 1) for m in found if m], "wavelength")
-        return Channels(printable([n) for n in names])
+        return Channels([printable(n) for n in names])
     except InputError as error:
         raise text.bad(line, "VARS", f"columns {', '.join(names)[:80]}: {error.detail[:120]}", "wavelengths") from error

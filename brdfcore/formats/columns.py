@@ -91,7 +91,7 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
     if len(names) > _MAX_COLUMNS:
         raise text.bad(line, "header", f"{len(names)} columns", f"at most {_MAX_COLUMNS}")
     numeric = all(_is_number(name) for name in names)
-    header = [] if numeric else printable([n.strip('"')) for n in names]
+    header = [] if numeric else [printable(n.strip('"')) for n in names]
     places, values, unit, own = _placed(text, line, header, len(names), chosen)
     missing = _missing(places, values, unit, own, chosen)
     if missing:
