@@ -140,7 +140,7 @@ class Measurements:
         usable = np.isfinite(table).all(axis=1)
         facts = dict(found or {})
         facts["rows"] = n
-        facts["invalid"] = dict(zip(map(str, channels), (~np.isfinite(table)).sum(axis=0).tolist()))
+        facts["invalid"] = dict(zip(channels.labels(), (~np.isfinite(table)).sum(axis=0).tolist()))
         if not usable.all():
             place = int(np.flatnonzero(~usable)[0])
             if invalid == "error":

@@ -126,9 +126,9 @@ class Scattered(HalfLattice):
         meet(nodes, layout, points, predictor.at(*points.T))
         if n < len(angles):
             done.insert(0, f"{len(angles)} rows averaged into {n} geometries")
-        arrays, scale = lattice_arrays(nodes, layout)
+        arrays, scale, guide = lattice_arrays(nodes, layout)
         flags = {**dict.fromkeys(FLAGS, False), "bilateral": bilateral}
-        table = cls(arrays, scale, layout.factor, channels, flags)
+        table = cls(arrays, scale, guide, layout.factor, channels, flags)
         table._keep(np.ascontiguousarray(angles), np.ascontiguousarray(values), policy, settings)
         found = measured_flags(table)
         table.reciprocal, table.energy_conserving = found["reciprocal"], found["energy_conserving"]

@@ -119,10 +119,10 @@ class Predictor:
         return np.asarray(self.settings.smoothing * share + _LEAST_SMOOTHING)
 
     def _features(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
-        from brdfcore.kernels.half_difference import coordinates_numpy
+        from brdfcore.kernels.half_coordinates import coordinates_numpy
 
-        x, y, _ = coordinates_numpy(theta_i, theta_o, delta_phi, True, True)
-        return self.features(np.arctan2(x, 1 - x), 2 * np.arctan(y), theta_i, theta_o, delta_phi)
+        u, w, _ = coordinates_numpy(theta_i, theta_o, delta_phi, True, True)
+        return self.features(np.arctan(np.sqrt(u)), np.arccos(np.sqrt(w)), theta_i, theta_o, delta_phi)
 
     def features(
         self,

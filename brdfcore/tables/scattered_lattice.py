@@ -12,7 +12,7 @@ from brdfcore.errors import InputError
 from brdfcore.status import Status
 from brdfcore.tables.base import Progress
 from brdfcore.tables.coverage import Coverage
-from brdfcore.tables.half_fit import STEPS_Y, Layout, angles_of
+from brdfcore.tables.half_fit import Layout, angles_of
 from brdfcore.tables.half_lattice import steps_z
 from brdfcore.tables.scattered_fit import Predictor
 
@@ -53,25 +53,29 @@ def lattice_shape(shape: tuple[int, ...] | None, bilateral: bool) -> tuple[int, 
 def layout_of(bilateral: bool) -> Layout:
     """Nodes along theta_h half by octave, down to a milliradian, half uniform; along the others uniform in the angle.
 
-    The guide follows from the nodes.
+    The guide along theta_h follows from the nodes; there is none along theta_d.
     """
-    from brdfcore.kernels.half_difference import OCTAVES, guide_grid
+    from brdfcore.kernels.half_difference import grid_u, grid_w
 
-    x = guide_grid()
-    octaves = np.maximum(np.log2(np.maximum(x, 2.0**-OCTAVES)) + 10, 0) / 10
+    t = np.sqrt(grid_u())
+    x = t / (1 + t)
+    even = 0.5 * np.maximum(np.log2(x) + 10, 0) / 10 + 0.5 * x
+    theta_d = np.arccos(np.sqrt(grid_w()))
     z = np.linspace(0.0 if bilateral else -2.0, 2.0, steps_z(bilateral, False) + 1)
     quarter = np.floor(np.abs(z))
     part = np.abs(z) - quarter
     phi = np.sign(z) * (quarter * HALF_PI + np.arctan2(part, 1 - part))
-    return Layout(
-        guide=np.ones(x.size),
-        map_x=0.5 * octaves + 0.5 * (x - x[0]) / (1 - x[0]),
-        map_y=np.arctan(np.linspace(0, 1, STEPS_Y + 1)) * 4 / np.pi,
-        map_z=(phi - phi[0]) / (phi[-1] - phi[0]),
+    layout = Layout(
+        guide_h=np.zeros(t.size),
+        guide_d=np.zeros(theta_d.size),
+        map_h=(even - even[0]) / (even[-1] - even[0]),
+        map_d=theta_d / theta_d[0],
+        map_p=(phi - phi[0]) / (phi[-1] - phi[0]),
         factor="none",
         bilateral=bilateral,
         reciprocal=False,
     )
+    return layout.rounded()  # what a look-up will see
 
 
 def nodes_of(
@@ -84,12 +88,12 @@ def nodes_of(
     progress: Progress | None,
 ) -> tuple[Float64Array, list[str]]:
     """(predicted nodes over the guide, what was done); sets the guide of `layout`."""
-    maps = (layout.map_x, layout.map_y, layout.map_z)
-    x, y, z = (np.interp(np.arange(n) / (n - 1), m, g) for n, m, g in zip(shape, maps, layout.grids()))
-    x[0] = 0.0  # the guide begins at 2^-14; the mirror direction itself is the first node
-    grids = [g.reshape(-1) for g in np.meshgrid(x, y, z, indexing="ij")]
-    theta_i, theta_o, delta_phi = angles_of(*grids)
-    theta_h, theta_d = np.arctan2(grids[0], 1 - grids[0]), 2 * np.arctan(grids[1])
+    places = [np.arange(n, dtype=np.float64) for n in shape]
+    u, w, z = layout.coordinates(places, shape)
+    u[0] = 0.0  # the map begins at 2^-28; the mirror direction itself is the first node
+    grids = [g.reshape(-1) for g in np.meshgrid(u, w, z, indexing="ij")]
+    theta_i, theta_o, delta_phi = angles_of(grids[0], grids[1], grids[2])
+    theta_h, theta_d = np.arctan(np.sqrt(grids[0])), np.arccos(np.sqrt(grids[1]))
     features = predictor.features(theta_h, theta_d, theta_i, theta_o, delta_phi)
     nodes, limited = np.empty((theta_i.size, values.shape[1])), 0
     for start in range(0, theta_i.size, _CHUNK):
@@ -112,8 +116,9 @@ def nodes_of(
     shaped[0] = shaped[0].mean(axis=1, keepdims=True)
     shaped[:, 0] = shaped[:, 0].mean(axis=1, keepdims=True)
     weight = np.where(above, np.cos(np.minimum(theta_i, HALF_PI)) * np.cos(np.minimum(theta_o, HALF_PI)), 0)
-    layout.guide = _guide(shaped, weight.reshape(shape), layout)
-    return shaped / np.interp(x, layout.grids()[0], layout.guide)[:, None, None, None], done
+    layout.guide_h = _guide(shaped, weight.reshape(shape), layout)
+    layout.guide_h = layout.rounded().guide_h
+    return shaped / np.exp2(np.interp(u, layout.grids()[0], layout.guide_h))[:, None, None, None], done
 
 
 def meet(nodes: Float64Array, layout: Layout, angles: Float64Array, targets: Float64Array) -> None:
@@ -122,11 +127,11 @@ def meet(nodes: Float64Array, layout: Layout, angles: Float64Array, targets: Flo
     Linear interpolation between nodes cuts a lobe's peak. Each node takes the mean misfit of the geometries around it,
     weighted by their nearness, `_SWEEPS` times (simultaneous iterative reconstruction).
     """
-    from brdfcore.kernels.half_difference import coordinates_numpy
+    from brdfcore.kernels.half_coordinates import coordinates_numpy
 
     shape = nodes.shape[:3]
     at = coordinates_numpy(angles[:, 0], angles[:, 1], angles[:, 2], layout.bilateral, False)
-    guide = np.interp(at[0], layout.grids()[0], layout.guide)
+    guide = layout.growth(angles[:, 0], angles[:, 1], at[0], at[1])
     places = layout.positions(at, shape)
     cells = [np.minimum(p.astype(np.int64), n - 2) for p, n in zip(places, shape, strict=True)]
     parts = [p - c for p, c in zip(places, cells, strict=True)]
@@ -185,12 +190,13 @@ def _settled(
 
 
 def _guide(nodes: Float64Array, weight: Float64Array, layout: Layout) -> Float64Array:
-    """The lobe's shape along theta_h: the geometric mean of each slice of nodes, geometric between them."""
+    """The lobe's shape along theta_h, exponents of 2, at most 0: the geometric mean of each slice of nodes, geometric
+    between them."""
     size = np.abs(nodes).mean(axis=3)
     floor = 1e-6 * float(size.max()) or 1.0
     total = weight.sum(axis=(1, 2))
-    log = (weight * np.log(np.maximum(size, floor))).sum(axis=(1, 2)) / np.maximum(total, 1e-300)
+    log = (weight * np.log2(np.maximum(size, floor))).sum(axis=(1, 2)) / np.maximum(total, 1e-300)
     reached = total > 1e-9
     place = np.arange(len(log), dtype=float)
     log = np.interp(place, place[reached], log[reached])
-    return np.asarray(np.exp(np.interp(layout.map_x * (len(log) - 1), place, log)))
+    return np.asarray(np.interp(layout.map_h * (len(log) - 1), place, log - log.max()))
