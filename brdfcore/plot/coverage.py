@@ -40,6 +40,8 @@ _WORDS = {
 _DEFAULT = (0.0, 30.0, 60.0, 80.0)
 MOST = 12
 _PIXELS = 201
+#: Measurements whose theta_i is farther than this from all discs, rad, are in none.
+_NEAR = np.radians(5.0)
 
 
 def coverage(
@@ -52,7 +54,8 @@ def coverage(
 ) -> Figure:
     """Which viewers were measured for each theta_i: discs as in `hemisphere`, coloured by `Brdf.status`.
 
-    Dots are the measured geometries of a `scattered` table, each in the disc with the nearest theta_i.
+    Dots are the measured geometries of a `scattered` table, each in the disc with the nearest theta_i, if that is
+    within 5 degrees.
 
     theta_i  radians, 1 to `MOST` of them; None: those of the measurements, or 0, 30, 60 and 80 degrees.
     """
@@ -77,7 +80,8 @@ def coverage(
         figure, axes = canvas(size, dpi)
         room = min((size[0] - 0.4) / columns, (size[1] - 1.55 + 0.22) / rows - 0.22)
         radius = max(0.5 * room - 0.1, 0.2)
-        owner = np.abs(points[:, :1] - lights).argmin(axis=1) if len(points) else np.zeros(0, int)
+        apart = np.abs(points[:, :1] - lights)
+        owner = np.where(apart.min(axis=1) <= _NEAR, apart.argmin(axis=1), -1)
         seen = set()
         for k, light in enumerate(lights):
             row, column = divmod(k, columns)

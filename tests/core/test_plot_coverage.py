@@ -28,6 +28,7 @@ def test_each_measured_angle_has_a_disc(listed: bc.Brdf) -> None:
     said = words(bc.plot.coverage(listed, title="made"))
     for text in ("made", "θᵢ = 0°, 5 measured", "θᵢ = 37.5°, 21 measured", "θᵢ = 75°", "interpolated", "filled"):
         assert text in said, said
+    assert "measured" not in words(bc.plot.coverage(listed, np.radians([20.0]), title="")).split("|")[0]
     assert bc.plot.render(bc.plot.coverage(listed)) == bc.plot.render(bc.plot.coverage(listed))
 
 
