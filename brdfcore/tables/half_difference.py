@@ -7,31 +7,26 @@ DOI 10.1007/978-3-7091-6453-2_2). The guides take the lobe's shape out; what is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf, Channels
+from brdfcore.brdf import Brdf
 from brdfcore.conventions import FloatArray
-from brdfcore.errors import FileFormatError, InputError
+from brdfcore.errors import InputError
 from brdfcore.metrics import ALBEDO_SLACK
 from brdfcore.parameters import Parameter
-from brdfcore.status import Status
 from brdfcore.tables.base import (
     DELTA_NODES,
     BuildOptions,
     Progress,
-    Table,
-    checked_delta,
     expected_time,
-    interpolated_delta,
     sampled_delta,
 )
-from brdfcore.tables.half_fit import FACTORS, Fitter, Layout, shape_for
+from brdfcore.tables.half_fit import Fitter, Layout, shape_for
 from brdfcore.tables.half_lattice import HalfLattice, lattice_arrays, steps_z
 
 #: Nodes a channel that `candidates` tries for a tolerance.

@@ -128,7 +128,7 @@ class Scattered(HalfLattice):
             done.insert(0, f"{len(angles)} rows averaged into {n} geometries")
         arrays, scale, guide = lattice_arrays(nodes, layout)
         flags = {**dict.fromkeys(FLAGS, False), "bilateral": bilateral}
-        table = cls(arrays, scale, guide, layout.factor, channels, flags)
+        table = cls(arrays, scale, guide, layout.factor, False, channels, flags)
         table._keep(np.ascontiguousarray(angles), np.ascontiguousarray(values), policy, settings)
         found = measured_flags(table)
         table.reciprocal, table.energy_conserving = found["reciprocal"], found["energy_conserving"]

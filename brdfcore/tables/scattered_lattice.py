@@ -72,6 +72,7 @@ def layout_of(bilateral: bool) -> Layout:
         map_d=theta_d / theta_d[0],
         map_p=(phi - phi[0]) / (phi[-1] - phi[0]),
         factor="none",
+        mirror=False,
         bilateral=bilateral,
         reciprocal=False,
     )
