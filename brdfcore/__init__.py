@@ -39,6 +39,7 @@ _PUBLIC = {
     "slice": "brdfcore.plot.slices",
     "starter_library": "brdfcore.starter",
     "to_radians": "brdfcore.conventions",
+    "to_rgb": "brdfcore.colour",
     "plot": None,  # a package: brdfcore.plot.polar(...)
 }
 
@@ -54,6 +55,7 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.catalogue import model as model
     from brdfcore.catalogue import models as models
     from brdfcore.catalogue import representations as representations
+    from brdfcore.colour import to_rgb as to_rgb
     from brdfcore.conventions import to_radians as to_radians
     from brdfcore.errors import BrdfError as BrdfError
     from brdfcore.errors import FileFormatError as FileFormatError

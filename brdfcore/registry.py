@@ -83,6 +83,7 @@ REPRESENTATIONS = Registry(
         "half_difference": "brdfcore.tables.half_difference:HalfDifference",
         "vndf_warp": "brdfcore.tables.vndf_warp:VndfWarp",
         "half_angle_grid": "brdfcore.tables.half_angle_grid:HalfAngleGrid",
+        "scattered": "brdfcore.tables.scattered:Scattered",
     },
 )
 
@@ -90,8 +91,11 @@ FORMATS = Registry(
     "format",
     {
         "rgl": "brdfcore.formats.rgl:RglFormat",
+        "astm": "brdfcore.formats.astm:AstmFormat",
         "table": "brdfcore.formats.table:TableFormat",
         "model": "brdfcore.formats.model_file:ModelFormat",
         "merl": "brdfcore.formats.merl:MerlFormat",
+        # last: any rows of numbers may be one
+        "csv": "brdfcore.formats.csv_file:CsvFormat",
     },
 )

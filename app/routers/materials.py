@@ -14,12 +14,7 @@ from app.caching import BY_NAME, etag_of, not_modified
 from app.json_codec import to_json
 from app.openapi import answers, parameters, ref
 from app.query import QueryParameter, parse_query, whole_number
-from app.routers.albedo import albedo_routes
-from app.routers.checks import check_routes
-from app.routers.evaluate import evaluate_routes
-from app.routers.gloss import gloss_routes
-from app.routers.slices import slice_routes
-from app.routers.sphere import sphere_routes
+from app.routers.parts import PARTS
 from app.schemas import MaterialLine, MaterialList
 from app.state import state_of
 
@@ -59,6 +54,8 @@ def links(name: str, facts: dict[str, Any]) -> dict[str, str]:
         "albedo": f"{by_name}/albedo?theta_i=0,30,60",
         "checks": f"{by_name}/checks",
         "gloss": f"{by_name}/gloss",
+        "report": f"{by_name}/report",
+        "coverage": f"{by_name}/coverage.svg",
         "permanent": by_id,
         "permanent_slice": f"{by_id}/slice.svg?theta_i=30,60",
     }
@@ -133,5 +130,5 @@ def _list_route() -> APIRouter:
 
 router = APIRouter()
 router.include_router(_list_route())
-for _part in (metadata_route, evaluate_routes, slice_routes, sphere_routes, albedo_routes, check_routes, gloss_routes):
+for _part in (metadata_route, *PARTS):
     router.include_router(_part(BY_NAME_ADDRESS))

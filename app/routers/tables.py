@@ -5,14 +5,9 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from app.addressing import BY_ID_ADDRESS
-from app.routers.albedo import albedo_routes
-from app.routers.checks import check_routes
-from app.routers.evaluate import evaluate_routes
-from app.routers.gloss import gloss_routes
 from app.routers.materials import metadata_route
-from app.routers.slices import slice_routes
-from app.routers.sphere import sphere_routes
+from app.routers.parts import PARTS
 
 router = APIRouter()
-for _part in (metadata_route, evaluate_routes, slice_routes, sphere_routes, albedo_routes, check_routes, gloss_routes):
+for _part in (metadata_route, *PARTS):
     router.include_router(_part(BY_ID_ADDRESS))

@@ -16,7 +16,8 @@ from brdfcore.brdf import Brdf
 from brdfcore.catalogue import model
 from brdfcore.conventions import ANGLE_NAMES, FloatArray, to_radians
 from brdfcore.errors import FileFormatError, InputError, StorageError
-from brdfcore.registry import MODELS
+from brdfcore.parameters import Parameter
+from brdfcore.registry import FORMATS, MODELS
 
 GRAMMAR = """A SOURCE is a file (a measured file or a table, told apart by its content) or a model with parameters:
 
@@ -25,7 +26,9 @@ GRAMMAR = """A SOURCE is a file (a measured file or a table, told apart by its c
   NAME:parameter=value,...          cook_torrance:roughness=0.1,ior=gold
   a list, one value per channel     lambert:reflectance=[0.8,0.2,0.1]
   n + ik                            cook_torrance:ior=(0.37,2.82)
+  FILE:option=value,...             paint.csv:angles=deg,value=[R,G,B]
 
+A file's options are those of its format (brdf models --all).
 A model's name wins over a file of that name: write ./NAME for the file. Quote brackets for the shell."""
 
 _DEEPEST = 8
@@ -37,12 +40,15 @@ def load(source: str, format: str | None = None) -> Brdf:
     name, colon, rest = source.partition(":")
     if format is None and name in MODELS:
         return model(name, **_parameters(source, rest))
-    path = Path(source)
+    path, options = file_of(source)
     if path.exists():
         from brdfcore import io
 
         if path.is_dir():
             raise StorageError("cannot_open", f"{source}: is a folder, not a file", where=source)
+        if options:
+            format = format or io.sniff(path)
+            return io.read(path, format, **_given(source, options, FORMATS.load(format).PARAMETERS))
         return io.read(path, format)
     if colon and re.fullmatch(r"\w+", name) and "=" in rest:
         MODELS.load(name)  # raises, with the close names
@@ -52,13 +58,27 @@ def load(source: str, format: str | None = None) -> Brdf:
     raise StorageError("cannot_open", f"{source}: no such file or model", where=source)
 
 
+def file_of(source: str) -> tuple[Path, str]:
+    """(path, options) of a SOURCE that is a file: FILE, or FILE:option=value,... where the file's name has no colon."""
+    path = Path(source)
+    if not path.exists():
+        for k, character in enumerate(source):
+            if character == ":" and "=" in source[k:] and Path(source[:k]).is_file():
+                return Path(source[:k]), source[k + 1 :]
+    return path, ""
+
+
 def label(source: str) -> str:
     """What a picture calls a SOURCE: a model as it was written, a file by its name."""
-    return source if source.partition(":")[0] in MODELS else Path(source).name
+    return source if source.partition(":")[0] in MODELS else file_of(source)[0].name
 
 
 def _parameters(source: str, text: str) -> dict[str, Any]:
-    kinds = {key: p.kind for p in MODELS.load(source.partition(":")[0]).PARAMETERS for key in (p.name, *p.aliases)}
+    return _given(source, text, MODELS.load(source.partition(":")[0]).PARAMETERS)
+
+
+def _given(source: str, text: str, parameters: Iterable[Parameter]) -> dict[str, Any]:
+    kinds = {key: p.kind for p in parameters for key in (p.name, *p.aliases)}
     given: dict[str, Any] = {}
     for item in _split(source, text):
         key, equals, value = item.partition("=")

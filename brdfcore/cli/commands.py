@@ -33,6 +33,7 @@ class View(StrEnum):
     polar = "polar"
     hemisphere = "hemisphere"
     sphere = "sphere"
+    coverage = "coverage"
 
 
 class Light(StrEnum):
@@ -161,15 +162,14 @@ Examples:
 def info(source: Source, json: Json = False) -> None:
     b = arguments.load(source)
     described = b.describe()
-    path = Path(source)
     if source.partition(":")[0] not in MODELS:
-        described["file_bytes"] = path.stat().st_size
+        described["file_bytes"] = arguments.file_of(source)[0].stat().st_size
     described["report"] = b.report
     if json:
         as_json({"input": source, **described})
         return
     error = described.pop("error", None)
-    described["channels"] = b.channels.labels()
+    described["channels"] = ", ".join(b.channels.labels())
     described.pop("channel_kind")
     line(source, style="bold")
     facts({"built from" if k == "source" else k: v for k, v in described.items()})
@@ -271,16 +271,17 @@ def _rows(
     help="""Draw f_r as a picture (.png, .svg), or write the numbers behind it (.csv, .json).
 
 "polar" is the plane of incidence, the mirror side to the right; several sources are drawn over each other.
-"hemisphere" shows all viewers for one theta_i. "sphere" is a lit sphere of the material. With one source and one
-theta_i every channel is drawn, otherwise the middle one (G of R, G, B) unless --channel names another; the picture says
-which. An existing picture is replaced.
+"hemisphere" shows all viewers for one theta_i, "coverage" which of them were measured, "sphere" is a lit sphere of the
+material. With one source and one theta_i every channel is drawn, otherwise the middle one (G of R, G, B) unless
+--channel names another; the picture says which. An existing picture is replaced.
 
 \b
 Examples:
   brdf plot cook_torrance:roughness=0.1,ior=gold -o gold.png
   brdf plot paint.bsdf paint.h5 -o compare.svg --theta-i 45 --scale log
   brdf plot gold.h5 -o gold.png --view hemisphere --theta-i 60 --scale log
-  brdf plot gold.h5 -o gold.png --view sphere --light sky""",
+  brdf plot gold.h5 -o gold.png --view sphere --light sky
+  brdf plot paint.astm -o where.png --view coverage""",
 )
 def plot(
     sources: Annotated[list[str], typer.Argument(metavar="SOURCE...", show_default=False, help="Files or models.")],
@@ -302,11 +303,19 @@ def plot(
             "bad_extension", f"{out}: expected a name ending in .png, .svg, .csv or .json", where="--out", got=kind
         )
     _check_sphere(view, kind, theta_i, scale, light)
+    if view is View.coverage and kind in ("csv", "json"):
+        raise InputError(
+            "bad_extension", f"{out}: the coverage is a picture, .png or .svg; its numbers are in brdf info --json",
+            where="--out", got=kind,
+        )  # fmt: skip
     single = view is not View.polar or kind in ("csv", "json")
     if single and len(sources) > 1:
         raise InputError("one_source", f"{view.value}, .{kind}: takes one SOURCE, got {len(sources)}", where="SOURCE")
     unit = angles.value
-    if theta_i is None:
+    lights: npt.NDArray[np.float64] | None
+    if theta_i is None and view is View.coverage:
+        lights = None
+    elif theta_i is None:
         lights = np.radians([30.0] if view is View.hemisphere else [0.0, 30.0, 60.0])
     else:
         lights = np.asarray(arguments.angle("theta_i", arguments.numbers("--theta-i", theta_i), unit))
@@ -335,7 +344,7 @@ def _check_sphere(view: View, kind: str, theta_i: str | None, scale: Scale | Non
 
 def _picture(
     materials: dict[str, Brdf],
-    lights: npt.NDArray[np.float64],
+    lights: npt.NDArray[np.float64] | None,
     kind: str,
     view: View,
     scale: Scale | None,
@@ -348,6 +357,9 @@ def _picture(
     from brdfcore import plot as pictures
 
     name, first = next(iter(materials.items()))
+    if view is View.coverage or lights is None:
+        where = pictures.coverage(first, lights, title=title or name, dpi=dpi)
+        return bytes(pictures.render(where, kind))
     if kind in ("csv", "json"):
         data = pictures.slice(first, lights, view=view.value, channel=channel)
         if kind == "csv":

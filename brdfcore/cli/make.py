@@ -48,6 +48,10 @@ def tabulate(
         str | None,
         typer.Option(metavar="NAMES", help="bilateral, reciprocal: average over a symmetry.", show_default=False),
     ] = None,
+    rgb: Annotated[
+        str | None,
+        typer.Option(metavar="ILLUMINANT", help="Wavelengths to linear sRGB first, e.g. D65.", show_default=False),
+    ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -59,6 +63,10 @@ def tabulate(
     limit = None if max_bytes is None else arguments.byte_count("--max-bytes", max_bytes)
     folds = None if fold is None else [part.strip() for part in fold.split(",")]
     b = arguments.load(source)
+    if rgb is not None:
+        from brdfcore.colour import to_rgb
+
+        b = to_rgb(b, rgb)
     start = time.perf_counter()
     with progress_bar() as progress, warnings.catch_warnings():
         warnings.simplefilter("ignore", ToleranceWarning)  # the table's own warnings say it as well

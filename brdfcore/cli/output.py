@@ -62,13 +62,22 @@ def bytes_text(count: int) -> str:
     return f"{count} bytes"
 
 
+#: Mappings of more plain facts than this take one line.
+_LISTED = 6
+
+
 def facts(values: Mapping[str, Any], indent: int = 0) -> None:
     """Nested facts, one a line; empty ones are left out."""
     pad = " " * indent
     for key, value in values.items():
         if _empty(value):
             continue
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and len(value) > _LISTED and not any(map(_nested, value.values())):
+            # a number a channel, say: one line, those that are all alike once
+            alike = len({_fact(v) for v in value.values()}) == 1
+            shown = f"{_fact(next(iter(value.values())))} each, {len(value)} in all" if alike else _pairs(value)
+            line(f"{pad}{key:<{max(20 - indent, len(key) + 1)}} {shown}")
+        elif isinstance(value, Mapping):
             line(f"{pad}{key}")
             facts(value, indent + 2)
         elif isinstance(value, (list, tuple)) and any(isinstance(x, str) and " " in x for x in value):
@@ -77,6 +86,16 @@ def facts(values: Mapping[str, Any], indent: int = 0) -> None:
                 line(f"{pad}  - {x}")
         else:
             line(f"{pad}{key:<{max(20 - indent, len(key) + 1)}} {_fact(value)}")
+
+
+def _nested(value: Any) -> bool:
+    return isinstance(value, Mapping) or (isinstance(value, str) and len(value) > 40)
+
+
+def _pairs(values: Mapping[str, Any]) -> str:
+    return "; ".join(
+        f"{k}: {' to '.join(map(_fact, v)) if isinstance(v, (list, tuple)) else _fact(v)}" for k, v in values.items()
+    )
 
 
 def _empty(value: Any) -> bool:

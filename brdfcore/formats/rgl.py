@@ -17,6 +17,7 @@ from brdfcore.brdf import RGB, Brdf, Channels
 from brdfcore.conventions import THETA_MAX
 from brdfcore.errors import FileFormatError, InputError, LimitError, StorageError
 from brdfcore.formats.base import Format
+from brdfcore.formats.import_report import measures_of
 from brdfcore.formats.tensor_file import MAGIC, Field, TensorFile, damaged, decode, encode
 from brdfcore.metrics import measured_flags
 from brdfcore.parameters import Parameter, resolve
@@ -189,6 +190,7 @@ class _Reader:
                     field, "differs between the two azimuths phi_i: anisotropic", "two different slices", "equal slices"
                 )
         negative = (values[:1] < 0).sum(axis=(0, 1, 3, 4))
+        original = values
         if negatives == "zero" and negative.any():
             values = np.maximum(values, np.float32(0))
             self.done.append(f"{int(negative.sum())} negative samples set to zero, as asked")
@@ -229,6 +231,8 @@ class _Reader:
             "done": self.done,
             "warnings": self.warnings,
         }
+        before = None if values is original else self._table(theta_i, sigma, ndf, vndf[0], original[0], channels)
+        table.report |= measures_of(table, np.moveaxis(original[0], 1, -1), before)
         if negative.any() and negatives == "keep":
             self.warnings.append(
                 f"{int(negative.sum())} of {values[0].size} samples are negative (measurement noise); they are kept"

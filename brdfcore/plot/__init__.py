@@ -16,6 +16,7 @@ _PUBLIC = {
     "hemisphere": "brdfcore.plot.disc",
     "sphere": "brdfcore.plot.sphere",
     "render_sphere": "brdfcore.plot.lit",
+    "coverage": "brdfcore.plot.coverage",
     "render": "brdfcore.plot.rendering",
 }
 

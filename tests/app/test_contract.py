@@ -68,7 +68,8 @@ def _document() -> Any:
 DOCUMENT = _document()
 OPERATIONS = sum(len(methods) for methods in DOCUMENT["paths"].values())
 #: What a schema cannot say: that lists must broadcast, that 95 degrees are past the horizon, that a model has no such
-#: parameter, that a material exists, that HDF5 is not taken, or that bytes are a .npy file (400). Such a request is well-formed and refused all the same.
+#: parameter, that a material exists, that HDF5 is not taken, or that bytes are a .npy file (400). Such a request is
+#: well-formed and refused all the same.
 _REFUSED_STATUSES = ["400", "401", "403", "404", "405", "406", "408", "409", "412", "413", "415", "422", "503"]
 _ACCEPTED = ["2xx", "400", "401", "403", "404", "409", "412", "413", "415", "422", "503"]
 _CONFIG = {

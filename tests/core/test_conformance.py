@@ -12,9 +12,11 @@ import pytest
 import brdfcore as bc
 from brdfcore import testing
 from brdfcore.formats.base import LossWarning
+from brdfcore.formats.measurements import to_brdf
 from brdfcore.formats.tensor_file import encode
 from brdfcore.parameters import Parameter
 from brdfcore.registry import FORMATS, REPRESENTATIONS
+from tests.core import goniometer
 from tests.core.rgl_synthetic import fields_of
 
 MODELS = dict(testing.example_models())
@@ -80,12 +82,13 @@ def test_model_file_round_trip(name: str, tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def materials(tmp_path_factory: pytest.TempPathFactory) -> list[bc.Brdf]:
-    """One material of each kind: a model, tables of it, a measured file."""
+    """One material of each kind: a model, tables of it, a measured file, scattered measurements."""
     gold = bc.model("cook_torrance", roughness=0.4, ior="gold")
     measured = tmp_path_factory.mktemp("measured") / "m.bsdf"
     measured.write_bytes(encode(fields_of()))
     small = bc.tabulate(gold, "half_angle_grid", shape=(8, 7, 12))
-    return [gold, bc.tabulate(gold, "angle_grid", shape=(16, 16, 31)), small, bc.read(measured)]
+    listed = to_brdf(goniometer.measured(goniometer.paint(), lights=4, viewers=4, turns=4))
+    return [gold, bc.tabulate(gold, "angle_grid", shape=(16, 16, 31)), small, bc.read(measured), listed]
 
 
 @pytest.mark.parametrize("name", bc.representations())
