@@ -83,6 +83,7 @@ REPRESENTATIONS = Registry(
         "half_difference": "brdfcore.tables.half_difference:HalfDifference",
         "vndf_warp": "brdfcore.tables.vndf_warp:VndfWarp",
         "half_angle_grid": "brdfcore.tables.half_angle_grid:HalfAngleGrid",
+        "specular_grid": "brdfcore.tables.specular_grid:SpecularGrid",
     },
 )
 
@@ -90,6 +91,8 @@ FORMATS = Registry(
     "format",
     {
         "rgl": "brdfcore.formats.rgl:RglFormat",
+        "zemax": "brdfcore.formats.zemax:ZemaxFormat",
+        "openmaterial": "brdfcore.formats.openmaterial:OpenMaterialFormat",
         "table": "brdfcore.formats.table:TableFormat",
         "model": "brdfcore.formats.model_file:ModelFormat",
         "merl": "brdfcore.formats.merl:MerlFormat",

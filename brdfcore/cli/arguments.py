@@ -16,6 +16,7 @@ from brdfcore.brdf import Brdf
 from brdfcore.catalogue import model
 from brdfcore.conventions import ANGLE_NAMES, FloatArray, to_radians
 from brdfcore.errors import FileFormatError, InputError, StorageError
+from brdfcore.parameters import Parameter
 from brdfcore.registry import MODELS
 
 GRAMMAR = """A SOURCE is a file (a measured file or a table, told apart by its content) or a model with parameters:
@@ -32,10 +33,10 @@ _DEEPEST = 8
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "ki": 2**10, "mi": 2**20, "gi": 2**30}
 
 
-def load(source: str, format: str | None = None) -> Brdf:
-    """The `Brdf` that a SOURCE names; see `GRAMMAR`."""
+def load(source: str, format: str | None = None, options: Sequence[str] = ()) -> Brdf:
+    """The `Brdf` that a SOURCE names; see `GRAMMAR`. `options`: key=value texts for the file's reader."""
     name, colon, rest = source.partition(":")
-    if format is None and name in MODELS:
+    if format is None and not options and name in MODELS:
         return model(name, **_parameters(source, rest))
     path = Path(source)
     if path.exists():
@@ -43,6 +44,9 @@ def load(source: str, format: str | None = None) -> Brdf:
 
         if path.is_dir():
             raise StorageError("cannot_open", f"{source}: is a folder, not a file", where=source)
+        if options:
+            format = format or io.sniff(path)
+            return io.read(path, format, **format_options("--read", options, io.read_options(format)))
         return io.read(path, format)
     if colon and re.fullmatch(r"\w+", name) and "=" in rest:
         MODELS.load(name)  # raises, with the close names
@@ -50,6 +54,33 @@ def load(source: str, format: str | None = None) -> Brdf:
         raise StorageError("cannot_open", f"{source}: no such file", where=source)
     MODELS.load(source if not colon else name)  # raises, with the close names
     raise StorageError("cannot_open", f"{source}: no such file or model", where=source)
+
+
+def format_options(flag: str, given: Sequence[str], parameters: Iterable[Parameter]) -> dict[str, Any]:
+    """key=value texts as the values that a format's reader or writer takes; a format checks them itself."""
+    kinds = {p.name: p.kind for p in parameters}
+    options: dict[str, Any] = {}
+    for text in given:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise InputError(
+                "bad_option",
+                f"{flag} {text[:80]!r}: expected KEY=VALUE",
+                where=flag,
+                got=text[:80],
+                expected="KEY=VALUE",
+            )
+        if key.strip() in options:
+            raise InputError("bad_option", f"{flag}: {key.strip()} is given twice", where=flag, got=text[:80])
+        kind = kinds.get(key.strip())
+        if kind in ("number", "integer", "wavelengths"):
+            found = numbers(key.strip(), value)
+            options[key.strip()] = found.tolist() if found.size > 1 or kind == "wavelengths" else float(found[0])
+        elif kind == "flag" and value.strip().lower() in ("true", "false"):
+            options[key.strip()] = value.strip().lower() == "true"
+        else:
+            options[key.strip()] = value
+    return options
 
 
 def label(source: str) -> str:
