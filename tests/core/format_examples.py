@@ -17,7 +17,7 @@ import brdfcore as bc
 from brdfcore.formats.base import LossWarning
 from brdfcore.formats.measurements import Measurements, to_brdf
 from brdfcore.formats.tensor_file import encode
-from brdfcore.registry import FORMATS
+from brdfcore.registry import FORMATS, REPRESENTATIONS
 from brdfcore.tables.specular_grid import SpecularGrid
 from tests.core.rgl_synthetic import fields_of
 
@@ -58,7 +58,7 @@ def materials(folder: Path) -> list[bc.Brdf]:
     file = folder / "material.bsdf"
     file.write_bytes(encode(fields_of()))
     return [
-        measured(2),
+        *([measured(2)] if "scattered" in REPRESENTATIONS else []),
         specular(),
         bc.read(file),
         gold,
