@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -52,19 +52,17 @@ def specular(bilateral: bool = True, holes: bool = True) -> bc.Brdf:
     return SpecularGrid.from_nodes(theta_i, azimuth, radial, values, bc.Channels(["value"]), bilateral=bilateral)[0]
 
 
-def materials(folder: Path) -> list[bc.Brdf]:
-    """Materials of every kind that a format may hold."""
-    gold = bc.model("cook_torrance", roughness=0.4, ior="gold")
+def materials(folder: Path) -> Iterator[bc.Brdf]:
+    """Materials of every kind that a format may hold; made when asked for."""
+    if "scattered" in REPRESENTATIONS:
+        yield measured(2)
+    yield specular()
     file = folder / "material.bsdf"
     file.write_bytes(encode(fields_of()))
-    return [
-        *([measured(2)] if "scattered" in REPRESENTATIONS else []),
-        specular(),
-        bc.read(file),
-        gold,
-        bc.tabulate(gold, "angle_grid", shape=(6, 6, 7)),
-        bc.model("ggx", roughness=[0.2, 0.3, 0.4]),
-    ]
+    yield bc.read(file)
+    gold = bc.model("cook_torrance", roughness=0.4, ior="gold")
+    yield gold
+    yield bc.tabulate(gold, "angle_grid", shape=(6, 6, 7))
 
 
 def _merl(_: Path) -> bytes:
