@@ -34,7 +34,8 @@ class Conversion:
     worst                the direction where |f' - f| cos(theta_i) cos(theta_o) is largest: angles in degrees, channel,
                          f (`before`), f' (`after`); {} without a regular part.
     losses               what the writer said that it leaves out or changes (`LossWarning`).
-    lost                 what a comparison finds: channels, wavelengths, angles, symmetries, signs that the file did not keep.
+    lost                 what a comparison finds: channels, wavelengths, angles, symmetries,
+                         signs that the file did not keep.
     result               what was read back.
     """
 
