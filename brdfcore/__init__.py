@@ -36,6 +36,7 @@ _PUBLIC = {
     "read": "brdfcore.io",
     "sniff": "brdfcore.io",
     "write": "brdfcore.io",
+    "convert": "brdfcore.conversion",
     "slice": "brdfcore.plot.slices",
     "starter_library": "brdfcore.starter",
     "to_radians": "brdfcore.conventions",
@@ -57,6 +58,7 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.catalogue import representations as representations
     from brdfcore.colour import to_rgb as to_rgb
     from brdfcore.conventions import to_radians as to_radians
+    from brdfcore.conversion import convert as convert
     from brdfcore.errors import BrdfError as BrdfError
     from brdfcore.errors import FileFormatError as FileFormatError
     from brdfcore.errors import InputError as InputError

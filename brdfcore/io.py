@@ -9,15 +9,19 @@ from typing import Any
 from brdfcore.brdf import Brdf
 from brdfcore.errors import FileFormatError, InputError, StorageError
 from brdfcore.formats.base import Format
+from brdfcore.formats.foreign import refuse_foreign
+from brdfcore.parameters import Parameter, resolve
 from brdfcore.registry import FORMATS
 
-_HEAD = 4096
+#: Bytes that a file is told by: comments before the first line of data may be long.
+_HEAD = 16_384
 
 
 def sniff(path: str | PathLike[str]) -> str:
-    """Name of the format of a file, by its first 4,096 bytes; file names are not trusted.
+    """Name of the format of a file, by its first 16,384 bytes; file names are not trusted.
 
-    Raises `StorageError` if the file can't be opened, `FileFormatError` if no format knows it.
+    Raises `StorageError` if the file can't be opened, `FileFormatError` if no format knows it; that error names the
+    kinds of file that are recognised and not read, and says what to do with them.
     """
     path = Path(path)
     head = _head(path)
@@ -26,6 +30,7 @@ def sniff(path: str | PathLike[str]) -> str:
     for name in FORMATS.names():
         if _format(name).sniff(head):
             return name
+    refuse_foreign(head, path.name)
     raise FileFormatError(
         "unknown_format",
         f"{path.name}: no known format begins with {head[:16]!r}; known: {', '.join(FORMATS.names())}",
@@ -50,24 +55,52 @@ def read(path: str | PathLike[str], format: str | None = None, **options: Any) -
     return _format(format).read(path, **options)
 
 
-def write(brdf: Brdf, path: str | PathLike[str], format: str | None = None) -> None:
-    """Write `brdf` in a format; None chooses it by the path's extension. The file appears whole or not at all."""
+def write(brdf: Brdf, path: str | PathLike[str], format: str | None = None, **options: Any) -> None:
+    """Write `brdf` in a format; None chooses it by the path's extension. The file appears whole or not at all.
+
+    options  the format's own (its `WRITE_PARAMETERS`), e.g. `grid="angles"` for "openmaterial".
+    """
     path = Path(path)
-    if format is None:
-        matches = [n for n in FORMATS.names() if _format(n).writable and path.suffix.lower() in _format(n).EXTENSIONS]
-        if len(matches) != 1:
-            known = {n: _format(n).EXTENSIONS for n in FORMATS.names() if _format(n).writable}
-            listed = ", ".join(f"{n} ({' '.join(e)})" for n, e in known.items())
-            raise InputError(
-                "format_not_clear",
-                f"{path.name}: which format? {'several' if matches else 'none'} end in {path.suffix or 'nothing'!r}; "
-                f"pass format=, one of: {listed}",
-                where="format",
-                got=path.suffix,
-                expected=listed,
-            )
-        format = matches[0]
-    _format(format).write(brdf, path)
+    format = format_for(brdf, path, format)
+    entry = _format(format)
+    if options:  # checked here, so that a format without any need not
+        resolve(f"writing format {format!r}", entry.WRITE_PARAMETERS, options)
+    entry.write(brdf, path, **options)
+
+
+def format_for(brdf: Brdf, path: str | PathLike[str], format: str | None = None) -> str:
+    """The format that `write` would choose for `brdf` and `path`: of those with its extension the one that can hold
+    the material; of several the one that keeps every bit. `InputError` where that leaves none or several."""
+    if format is not None:
+        _format(format)  # the error for an unknown name, before any work
+        return format
+    suffix = Path(path).suffix.lower()
+    writable = [n for n in FORMATS.names() if _format(n).writable]
+    matches = [n for n in writable if suffix in _format(n).EXTENSIONS]
+    if len(matches) > 1:
+        matches = [n for n in matches if _format(n).can_write(brdf)] or matches
+        matches = [n for n in matches if _format(n).exact] or matches
+    if len(matches) != 1:
+        listed = ", ".join(f"{n} ({' '.join(_format(n).EXTENSIONS)})" for n in writable)
+        raise InputError(
+            "format_not_clear",
+            f"{Path(path).name}: which format? {'several' if matches else 'none'} end in {suffix or 'nothing'!r}; "
+            f"name it (format=, in the shell --to), one of: {listed}",
+            where="format",
+            got=suffix,
+            expected=listed,
+        )
+    return matches[0]
+
+
+def read_options(format: str) -> tuple[Parameter, ...]:
+    """What `read` takes for a format."""
+    return _format(format).PARAMETERS
+
+
+def write_options(format: str) -> tuple[Parameter, ...]:
+    """What `write` takes for a format."""
+    return _format(format).WRITE_PARAMETERS
 
 
 def _format(name: str) -> Format:

@@ -84,6 +84,7 @@ REPRESENTATIONS = Registry(
         "vndf_warp": "brdfcore.tables.vndf_warp:VndfWarp",
         "half_angle_grid": "brdfcore.tables.half_angle_grid:HalfAngleGrid",
         "scattered": "brdfcore.tables.scattered:Scattered",
+        "specular_grid": "brdfcore.tables.specular_grid:SpecularGrid",
     },
 )
 
@@ -92,6 +93,8 @@ FORMATS = Registry(
     {
         "rgl": "brdfcore.formats.rgl:RglFormat",
         "astm": "brdfcore.formats.astm:AstmFormat",
+        "zemax": "brdfcore.formats.zemax:ZemaxFormat",
+        "openmaterial": "brdfcore.formats.openmaterial:OpenMaterialFormat",
         "table": "brdfcore.formats.table:TableFormat",
         "model": "brdfcore.formats.model_file:ModelFormat",
         "merl": "brdfcore.formats.merl:MerlFormat",

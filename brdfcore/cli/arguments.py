@@ -17,7 +17,7 @@ from brdfcore.catalogue import model
 from brdfcore.conventions import ANGLE_NAMES, FloatArray, to_radians
 from brdfcore.errors import FileFormatError, InputError, StorageError
 from brdfcore.parameters import Parameter
-from brdfcore.registry import FORMATS, MODELS
+from brdfcore.registry import MODELS
 
 GRAMMAR = """A SOURCE is a file (a measured file or a table, told apart by its content) or a model with parameters:
 
@@ -48,7 +48,7 @@ def load(source: str, format: str | None = None) -> Brdf:
             raise StorageError("cannot_open", f"{source}: is a folder, not a file", where=source)
         if options:
             format = format or io.sniff(path)
-            return io.read(path, format, **_given(source, options, FORMATS.load(format).PARAMETERS))
+            return io.read(path, format, **given(source, options, io.read_options(format)))
         return io.read(path, format)
     if colon and re.fullmatch(r"\w+", name) and "=" in rest:
         MODELS.load(name)  # raises, with the close names
@@ -74,23 +74,24 @@ def label(source: str) -> str:
 
 
 def _parameters(source: str, text: str) -> dict[str, Any]:
-    return _given(source, text, MODELS.load(source.partition(":")[0]).PARAMETERS)
+    return given(source, text, MODELS.load(source.partition(":")[0]).PARAMETERS)
 
 
-def _given(source: str, text: str, parameters: Iterable[Parameter]) -> dict[str, Any]:
+def given(source: str, text: str, parameters: Iterable[Parameter]) -> dict[str, Any]:
+    """`text`, parameter=value,..., as the values that a model, a reader or a writer takes and checks itself."""
     kinds = {key: p.kind for p in parameters for key in (p.name, *p.aliases)}
-    given: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     for item in _split(source, text):
         key, equals, value = item.partition("=")
         key = key.strip()
         if not equals or not key:
             raise _bad_source(source, f"{item.strip()!r} is no parameter=value")
-        if key in given:
+        if key in found:
             raise _bad_source(source, f"{key} is given twice")
         value = value.strip()
         literal = kinds.get(key) in ("choice", "text")  # "1" stays text where text is asked for
-        given[key] = value if literal else _value(source, value)
-    return given
+        found[key] = value if literal else _value(source, value)
+    return found
 
 
 def _split(source: str, text: str) -> list[str]:

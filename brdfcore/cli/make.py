@@ -111,43 +111,56 @@ def tabulate(
 def convert(
     source: Annotated[str, typer.Argument(metavar="A", show_default=False, help="SOURCE to read.")],
     target: Annotated[Path, typer.Argument(metavar="B", show_default=False, help="File to write.")],
-    format: Annotated[
-        str | None, typer.Option(help="Format of B; else its extension tells.", show_default=False)
+    read_as: Annotated[
+        str | None,
+        typer.Option("--from", metavar="FORMAT", help="Format of A; else its content tells.", show_default=False),
     ] = None,
+    format: Annotated[
+        str | None,
+        typer.Option(
+            "--to", "--format", metavar="FORMAT", help="Format of B; else its extension tells.", show_default=False
+        ),
+    ] = None,
+    writing: Annotated[
+        str, typer.Option("--write", metavar="KEY=VALUE,...", help="Options of B's writer.", show_default=False)
+    ] = "",
     force: Force = False,
     json: Json = False,
 ) -> None:
-    from brdfcore import io
-    from brdfcore.formats.base import LossWarning
-    from brdfcore.metrics import compare
+    from brdfcore import conversion, io
 
     may_write(target, force)
-    b = arguments.load(source)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", LossWarning)
-        io.write(b, target, format)
-    losses = [str(w.message) for w in caught if issubclass(w.category, LossWarning)]
-    again = io.read(target, format)
-    found = compare(b, again)
+    b = arguments.load(source, read_as)
+    to = io.format_for(b, target, format)
+    options = arguments.given("--write", writing, io.write_options(to)) if writing else {}
+    found = conversion.convert(b, target, to, options)
     if json:
-        size = target.stat().st_size
-        as_json({"file": str(target), "file_bytes": size, "round_trip": found.to_json(), "losses": losses})
+        as_json(found.to_json())
         return
-    line(f"{target}: {bytes_text(target.stat().st_size)}")
-    for text in losses:
+    line(f"{target}: {found.format}, {bytes_text(found.bytes)}")
+    for text in found.losses:
         warn(text)
-    if found.l1 != found.l1:
+    c = found.comparison
+    if c is None:
+        line("round trip: not compared, the channels differ")
+    elif c.l1 != c.l1:
         line("round trip: the source has no regular part to compare")
-    elif found.l1 == 0:
-        line(f"round trip: read back, every one of {found.values:,} values compared is the same")
+    elif c.l1 == 0:
+        line(f"round trip: read back, every one of {c.values:,} values compared is the same")
     else:
         line(
-            f"round trip: read back, {percent(found.l1)} ± {percent(found.l1_stderr)} of the energy is misplaced (L1); "
-            f"p99 log ratio {found.log_ratio['p99']:.3g}"
+            f"round trip: read back, {percent(c.l1)} ± {percent(c.l1_stderr)} of the energy is misplaced (L1); "
+            f"p50 log ratio {c.log_ratio['p50']:.3g}, p99 {c.log_ratio['p99']:.3g}"
         )
-    if found.delta:
-        warn(f"the perfect mirror part differs by {found.delta:.3g} in reflectance")
-    facts({"done": again.report.get("done", []), "warnings": again.report.get("warnings", [])})
+        w = found.worst
+        if w:
+            line(
+                f"worst at theta_i = {w['theta_i']:g}, theta_o = {w['theta_o']:g}, delta_phi = {w['delta_phi']:g} "
+                f"degrees: {w['before']:.4g}/sr became {w['after']:.4g}/sr ({w['channel']})"
+            )
+    facts({"lost": found.lost})
+    report = found.result.report
+    facts({"done": report.get("done", []), "warnings": report.get("warnings", [])})
 
 
 def serve(
@@ -250,13 +263,15 @@ Examples:
   brdf tabulate paint.bsdf -o p.h5 --representation half_angle_grid --interpolation monotone_cubic --fold reciprocal""",
     convert: """Read A, write it as B in another format, read B again and say what the round trip cost.
 
-An existing file is replaced with --force only.
+Options of a format: `brdf models --all` lists them, a wrong one too. An existing file is replaced with --force only.
 
 \b
 Examples:
   brdf convert paint.bsdf paint.h5
   brdf convert paint.bsdf paint.binary
-  brdf convert gold.h5 copy.h5 --force --json""",
+  brdf convert gold.h5 copy.h5 --force --json
+  brdf convert paint.bsdf paint.xompt --write shape=40,25,56
+  brdf convert black.bsdf:zeros=data black.xompt --from zemax""",
     serve: """Serve a folder of materials over HTTP, with pictures for a browser at the address it prints.
 
 An empty folder is filled with a starter library first. A setting is a flag, or a variable: --max-points is

@@ -65,7 +65,7 @@ class AstmFormat(Format):
         policies = {p.name: chosen[p.name] for p in POLICIES}
         return to_brdf(measurements_of(path, chosen["angles"], chosen["invalid"]), **policies)
 
-    def write(self, brdf: Brdf, path: Path) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
         """Write the measured geometries of a `scattered` table; `InputError` for anything else."""
         if not isinstance(brdf, Scattered):
             raise not_scattered(brdf, "an ASTM file")

@@ -29,6 +29,8 @@ class Format(ABC):
     EXTENSIONS: ClassVar[tuple[str, ...]] = ()
     #: Options of `read`.
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
+    #: Options of `write`.
+    WRITE_PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
     writable: ClassVar[bool] = False
     #: Whether what it writes reads to the same answers; False for a layout that samples anew.
     #: Either way, a file that was read and is written again has the same answers.
@@ -36,13 +38,17 @@ class Format(ABC):
 
     @abstractmethod
     def sniff(self, head: bytes) -> bool:
-        """True if a file that begins with `head` (its first 4,096 bytes or fewer) is of this format."""
+        """True if a file that begins with `head` (its first 16,384 bytes or fewer) is of this format."""
+
+    def can_write(self, brdf: Brdf) -> bool:
+        """Whether `write` takes this kind of material; asked where several formats share an extension."""
+        return self.writable
 
     @abstractmethod
     def read(self, path: Path, **options: Any) -> Brdf:
         """Read a file. `FileFormatError` names file, field and offset; `StorageError` if it can't be opened."""
 
-    def write(self, brdf: Brdf, path: Path) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
         """Write `brdf`; `InputError` if this format can't hold it, a `LossWarning` for each thing that is left out."""
         raise InputError(
             "format_not_writable",

@@ -91,7 +91,7 @@ class CsvFormat(Format):
         policies = {p.name: chosen[p.name] for p in POLICIES}
         return to_brdf(measurements_of(path, chosen), **policies)
 
-    def write(self, brdf: Brdf, path: Path) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
         """Write the measured geometries of a `scattered` table; `InputError` for anything else."""
         if not isinstance(brdf, Scattered):
             raise not_scattered(brdf, "a CSV file of measurements")

@@ -114,7 +114,7 @@ class MerlFormat(Format):
             reason = error.strerror or str(error)
             raise StorageError("cannot_open", f"{path}: {reason}", where=str(path), got=reason) from error
 
-    def write(self, brdf: Brdf, path: Path) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
         """Write `brdf`; `InputError` unless it has one channel (written three times) or R, G, B."""
         if len(brdf.channels) != 1 and tuple(brdf.channels) != tuple(RGB):
             listed = ", ".join(brdf.channels.labels()[:8])

@@ -75,7 +75,7 @@ class ModelFormat(Format):
         }
         return brdf
 
-    def write(self, brdf: Brdf, path: Path) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
         if not isinstance(brdf, Model):  # a table of a model carries its metadata, but answers differently
             raise InputError(
                 "not_a_model",

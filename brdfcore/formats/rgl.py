@@ -18,6 +18,7 @@ from brdfcore.conventions import THETA_MAX
 from brdfcore.errors import FileFormatError, InputError, LimitError, StorageError
 from brdfcore.formats.base import Format
 from brdfcore.formats.import_report import measures_of
+from brdfcore.formats.rgl_fields import fields_of_table
 from brdfcore.formats.tensor_file import MAGIC, Field, TensorFile, damaged, decode, encode
 from brdfcore.metrics import measured_flags
 from brdfcore.parameters import Parameter, resolve
@@ -43,7 +44,7 @@ class RglFormat(Format):
     """Isotropic measurements of the RGL material database (`tensor_file`), RGB or spectral.
 
     Read into a `VndfWarp`: exact, no resampling. Written byte for byte as read (what no look-up touches is kept
-    beside the table for that). Anisotropic files are refused.
+    beside the table for that); any other `VndfWarp` can be written too. Anisotropic files are refused.
     """
 
     name = "rgl"
@@ -61,6 +62,9 @@ class RglFormat(Format):
     def sniff(self, head: bytes) -> bool:
         return head.startswith(MAGIC)
 
+    def can_write(self, brdf: Brdf) -> bool:
+        return isinstance(brdf, VndfWarp)
+
     def read(self, path: Path, **options: Any) -> Brdf:
         """Read a file; `negatives`="zero" sets negative samples to 0, the number is in the report.
 
@@ -71,19 +75,22 @@ class RglFormat(Format):
         data = _bytes_of(path)
         return _Reader(path.name, data).table(choice)
 
-    def write(self, brdf: Brdf, path: Path) -> None:
-        """Write a material that was read from an RGL file; `InputError` for anything else."""
-        fields = getattr(brdf, "_auxiliary", None)
-        if not isinstance(brdf, VndfWarp) or fields is None:
-            what = "a vndf_warp table without its file" if isinstance(brdf, VndfWarp) else type(brdf).__name__
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+        """Write a `vndf_warp` table; `InputError` for anything else.
+
+        One that was read from a file is written byte for byte as it was; of others, what no look-up reads is made anew
+        (`rgl_fields`).
+        """
+        if not isinstance(brdf, VndfWarp):
             raise InputError(
                 "not_an_rgl_material",
-                f"an RGL file can be written from a material read from one, not from {what}: "
-                "its sampling tables and description are not part of a table",
+                f"an RGL file holds its own adaptive parameterisation, and {type(brdf).__name__} is in another: "
+                "only a vndf_warp table can be written; use the openmaterial format or a table file for others",
                 where="brdf",
-                got=what,
-                expected="a material that read() made from an RGL file",
+                got=type(brdf).__name__,
+                expected="a vndf_warp table: what read() makes of an RGL file, or a table file of one",
             )
+        fields = brdf._auxiliary if brdf._auxiliary is not None else fields_of_table(brdf)
         with replacing(path) as temporary:
             temporary.write_bytes(encode(fields))
 

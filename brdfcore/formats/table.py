@@ -29,7 +29,7 @@ class TableFormat(Format):
         resolve("format 'table'", self.PARAMETERS, options)
         return open_table(path)
 
-    def write(self, brdf: Brdf, path: Path) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
         if not isinstance(brdf, Table):
             raise InputError(
                 "not_a_table",

@@ -189,18 +189,18 @@ def test_fields_no_look_up_needs_may_be_absent(tmp_path: Path) -> None:
     assert b.metadata == {"description": ""}
 
 
-def test_only_what_came_from_a_file_is_written(tmp_path: Path) -> None:
+def test_only_its_own_parameterisation_is_written(tmp_path: Path) -> None:
     b = bc.read(put(tmp_path, fields_of()))
     assert isinstance(b, VndfWarp)
-    copy = VndfWarp.from_arrays(b.to_arrays(), b.attributes(), b.channels, b.flags)
-    for other in (copy, b + b, bc.model("lambert")):
-        with pytest.raises(InputError, match="RGL"):
-            bc.write(other, tmp_path / "no.bsdf")
+    named = VndfWarp.from_arrays(b.to_arrays(), {}, bc.Channels(["a", "b", "c"]), b.flags)
+    for other, said in ((b + b, "RGL"), (bc.model("lambert"), "vndf_warp"), (named, "channels R, G, B")):
+        with pytest.raises(InputError, match=said):
+            bc.write(other, tmp_path / "no.bsdf", "rgl")
     assert not (tmp_path / "no.bsdf").exists()
     with pytest.raises(StorageError):
         RglFormat().read(tmp_path / "absent.bsdf")
     with pytest.raises(StorageError):
-        bc.write(b, tmp_path / "absent" / "x.bsdf")
+        bc.write(b, tmp_path / "absent" / "x.bsdf", "rgl")
 
 
 def test_a_file_is_known_by_its_content(tmp_path: Path) -> None:
