@@ -10,6 +10,7 @@ from scipy.integrate import dblquad
 
 import brdfcore as bc
 from brdfcore import metrics
+from brdfcore.metrics import comparison
 from brdfcore.directions import mixture
 from tests.core.sources import Constant, Multilinear, Skewed
 
@@ -125,7 +126,7 @@ def test_memory_does_not_grow_with_the_channels() -> None:
 def test_pieces_give_the_same_measures(monkeypatch: pytest.MonkeyPatch) -> None:
     a, b = bc.model("ggx", roughness=[0.3, 0.2, 0.1]), bc.model("ggx", roughness=[0.31, 0.22, 0.1])
     whole = bc.compare(a, b, directions=9_000).to_json()
-    monkeypatch.setattr(metrics, "_CHUNK", 3 * 1_000)
+    monkeypatch.setattr(comparison, "_CHUNK", 3 * 1_000)
     pieces = bc.compare(a, b, directions=9_000).to_json()
     for key in ("l1", "l1_stderr", "rel_l2", "negatives", "nan", "values", "delta"):
         assert pieces[key] == pytest.approx(whole[key], rel=1e-12), key
