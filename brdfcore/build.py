@@ -88,7 +88,7 @@ def tabulate(
             "shape fixes the size: leave out tolerance and max_bytes, or leave out shape",
             where="shape",
         )
-    tolerance, room = _positive("tolerance", tolerance), _positive("max_bytes", max_bytes)
+    tolerance, room = positive("tolerance", tolerance), positive("max_bytes", max_bytes)
     max_bytes = None if room is None else int(room)
     if representation != "auto":
         names: Sequence[str] = (representation,)
@@ -106,7 +106,8 @@ def tabulate(
     return _advised(_search(b, classes, options, tolerance, max_bytes, progress), b, names)
 
 
-def _positive(name: str, value: Any) -> float | None:
+def positive(name: str, value: Any) -> float | None:
+    """`value` as a float if it is a finite number > 0, None if it is None; else an `InputError` that names it."""
     if value is None:
         return None
     try:

@@ -13,7 +13,11 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
+
+from brdfcore.kernels import blocks
 
 if TYPE_CHECKING:
     from brdfcore.kernels.jit import Kernel
@@ -33,6 +37,18 @@ def threads() -> int:
     import numba
 
     return int(numba.get_num_threads())
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep every look-up of this process on its calling thread, to time it there. Not for use by several threads."""
+    global _serial_only
+    before = _serial_only, blocks._serial_only
+    _serial_only = blocks._serial_only = True
+    try:
+        yield
+    finally:
+        _serial_only, blocks._serial_only = before
 
 
 def run(kernel: Kernel, n: int, args: tuple[Any, ...]) -> Any:

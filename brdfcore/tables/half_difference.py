@@ -127,7 +127,7 @@ class HalfDifference(HalfLattice):
     def candidates(cls, source: Brdf, options: BuildOptions, max_bytes: int | None) -> Iterable[BuildOptions]:
         bilateral, reciprocal = _folds(source, options)
         reciprocal = reciprocal and bilateral
-        options = replace(options, prepared=_prepared(source, options))
+        options = replace(options, prepared=options.prepared or _prepared(source, options))
         if max_bytes is None:
             shapes = [shape_for(n, bilateral, reciprocal)[0] for n in LADDER]
         else:
