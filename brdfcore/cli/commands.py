@@ -14,7 +14,7 @@ import typer
 import brdfcore
 from brdfcore.atomic import replacing
 from brdfcore.brdf import Brdf
-from brdfcore.cli import arguments, check, gloss, make, repair
+from brdfcore.cli import arguments, check, gloss, make, repair, reports
 from brdfcore.cli.output import as_json, error_lines, facts, line, parameter_lines
 from brdfcore.conventions import ANGLE_NAMES, broadcast_shape
 from brdfcore.errors import InputError
@@ -385,3 +385,4 @@ make.add_to(app)
 check.add_to(app)
 gloss.add_to(app)
 repair.add_to(app)
+reports.add_to(app)

@@ -1,0 +1,65 @@
+"""A report as Markdown: one sentence and one table a material."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from brdfcore.analysis.pareto import Entry, Pareto
+from brdfcore.reporting import words
+
+if TYPE_CHECKING:
+    from brdfcore.reporting.report import Report
+
+HEAD = ("representation", "error (L1)", "bytes", "ns a look-up", "1 at a time", "build", "")
+
+
+def markdown(report: Report) -> str:
+    """The whole report."""
+    parts = []
+    for item in report.items:
+        found = item.found
+        lines = [f"### {_cell(found.material)}", "", f"**{_cell(words.advice(found))}**", ""]
+        lines += [f"- {_cell(text)}" for text in words.alternatives(found)]
+        if item.verified is not None and item.verified["l1"] is not None:
+            lines.append(f"- The table, read again and measured on other directions: {words.percent(item.verified['l1'])}.")
+        if item.look.mean is not None:
+            lines.append(f"- Lit sphere, {_cell(item.shown_name)} against the reference: mean FLIP {item.look.mean:.2g}.")
+        lines += ["", *table(found), ""]
+        lines += [f"- left out: {_cell(text)}" for text in found.left_out]
+        parts.append("\n".join(lines).rstrip())
+    first = report.items[0].found
+    stated = ", ".join(f"{k} {v}" for k, v in first.versions.items())
+    parts.append(
+        f"ns: a million float32 look-ups in one call, on one thread, the fastest of the interleaved rounds; {first.machine}; "
+        f"{stated}." + (f" Made by `{report.command}`." if report.command else "")
+    )
+    return "\n\n".join(parts) + "\n"
+
+
+def table(found: Pareto) -> list[str]:
+    """The entries as lines of a Markdown table."""
+    lines = ["| " + " | ".join(HEAD) + " |", "|---|" + "---:|" * 5 + "---|"]
+    return lines + ["| " + " | ".join(row(e, found)) + " |" for e in found.entries]
+
+
+def row(entry: Entry, found: Pareto) -> list[str]:
+    """Cells of one entry, in the order of `HEAD`."""
+    name = _cell(entry.label)
+    spread = words.percent(entry.comparison.l1_stderr) if entry.comparison.l1_stderr > 0 else ""
+    text = words.percent(entry.error) + (f" ± {spread}" if spread and entry.error > words.NEXT_TO_NOTHING else "")
+    return [
+        f"**{name}**" if entry is found.chosen else name,
+        text,
+        words.size(entry.nbytes),
+        words.nanoseconds(entry.ns.best),
+        words.nanoseconds(entry.timings["1"].best),
+        f"{entry.build_seconds:.2g} s" if entry.kind == "table" and entry.build_seconds else "",
+        _cell(words.verdict(entry, found)),
+    ]
+
+
+def _cell(text: str) -> str:
+    """Text that Markdown shows as it is."""
+    for mark in "\\`*_[]<>|":
+        text = text.replace(mark, "\\" + mark)
+    return text.replace("\n", " ")

@@ -1,0 +1,232 @@
+"""A report as one HTML page that loads nothing: style, script, numbers and pictures are inside."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shlex
+from html import escape
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from brdfcore.analysis.pareto import Entry, Pareto
+from brdfcore.models.base import Model
+from brdfcore.plot.rendering import render
+from brdfcore.reporting import figures, words
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from brdfcore.reporting.report import Item, Report
+
+_SHAPES = ("circle", "square", "triangle", "diamond", "down")
+#: Albedo bias is quoted up to this theta_i, degrees; the table of all angles is in the JSON.
+_BIAS_TO = 85.0
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
+
+
+def page(report: Report) -> str:
+    """The whole page."""
+    sections = "\n".join(_section(k, item) for k, item in enumerate(report.items))
+    style, script = (files("brdfcore.reporting").joinpath(f"page.{end}").read_text("utf-8") for end in ("css", "js"))
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{_POLICY}">
+<title>{escape(_heading(report))}</title><style>
+{style}</style></head><body>
+<h1>{escape(_heading(report))}</h1>
+{_contents(report)}
+{sections}
+{_method(report)}
+<script>
+{script}</script></body></html>
+"""
+
+
+def _heading(report: Report) -> str:
+    count = len(report.items)
+    return "Which representation to use" + (f" for {count} materials" if count > 1 else "")
+
+
+def _contents(report: Report) -> str:
+    """One line a material: the answer first."""
+    if len(report.items) == 1:
+        return ""
+    rows = "".join(
+        f'<tr><td><a href="#m{k}">{escape(i.found.material)}</a></td><td>{escape(words.advice(i.found))}</td></tr>'
+        for k, i in enumerate(report.items)
+    )
+    return f'<table class="contents"><tbody>{rows}</tbody></table>'
+
+
+def _section(k: int, item: Item) -> str:
+    found, chosen = item.found, item.found.chosen
+    several = "".join(f"<li>{escape(text)}</li>" for text in words.alternatives(found))
+    shown = "" if item.shown is chosen.brdf else (
+        f"<p class='faint'>The formula gives the reference itself, so the pictures show the table {escape(item.shown_name)}.</p>"
+    )
+    numbers = (
+        (words.percent(chosen.error), "of the reflected energy is misplaced (L1)"),
+        (words.size(chosen.nbytes), "in memory"),
+        (words.nanoseconds(chosen.ns.best), f"a look-up, one core; {words.nanoseconds(chosen.timings['1'].best)} alone"),
+    )
+    boxes = "".join(f"<div><b>{escape(a)}</b><span>{escape(b)}</span></div>" for a, b in numbers)
+    pictures = (
+        (figures.spheres(item.look), f"lit spheres of the reference and of {item.shown_name}, and their FLIP difference"),
+        (figures.errors(item.where), "error over half and difference angle"),
+        (figures.slices(found.source, item.shown, item.shown_name), "slices in the plane of incidence"),
+    )
+    return f"""<section class="material" id="m{k}">
+<h2>{escape(found.material)}</h2>
+<p class="answer{'' if found.met else ' no'}">{escape(words.advice(found))}</p>
+<div class="numbers">{boxes}</div>
+<ul>{several}</ul>
+<pre>{escape(_code(item))}</pre>
+{_checked(item)}
+<h3>Error against cost</h3>
+<div class="switch">across: <button data-key="nbytes" aria-pressed="true">memory</button>
+<button data-key="ns" aria-pressed="false">time</button></div>
+<div class="plot"></div>
+<noscript><p>{_image(figures.front(found), 'error against bytes')}</p></noscript>
+<script type="application/json">{_data(found)}</script>
+<h3>What it looks like</h3>
+{shown}
+<div class="pictures">{''.join(_image(figure, text) for figure, text in pictures)}</div>
+<h3>Everything that was tried</h3>
+<div class="wide">{_table(found)}</div>
+{_left_out(found)}
+</section>"""
+
+
+def _code(item: Item) -> str:
+    """How to have what was chosen."""
+    chosen = item.found.chosen
+    lines = ["import brdfcore as bc"]
+    if isinstance(chosen.brdf, Model):
+        given = {k: v for k, v in chosen.brdf.metadata["parameters"].items() if k != "precision" and v is not None}
+        listed = "".join(f", {k}={_literal(v)}" for k, v in given.items())
+        precision = ', precision="fast"' if chosen.variant == "fast" else ""
+        lines.append(f'b = bc.model("{chosen.representation}"{listed}{precision})')
+    elif item.table_path is not None:
+        lines.append(f"b = bc.open_table({str(item.table_path)!r})")
+    else:
+        lines.append(f"b = bc.tabulate(bc.read({item.subject.source!r}), {chosen.representation!r}, max_bytes={chosen.nbytes})")
+    lines.append("b.evaluate(theta_i, theta_o, delta_phi)  # radians; f_r in 1/sr, without the cosine")
+    return "\n".join(lines)
+
+
+def _literal(value: Any) -> str:
+    if isinstance(value, dict) and set(value) == {"n", "k"}:
+        return repr((value["n"], value["k"]))
+    return repr(value)
+
+
+def _checked(item: Item) -> str:
+    if item.table_path is None or item.verified is None:
+        return ""
+    text = "its mirror part is off by " + words.percent(item.verified["delta"])
+    if item.verified["l1"] is not None:
+        off = f" ± {words.percent(item.verified['l1_stderr'])}" if item.verified["l1_stderr"] else ""
+        text = f"error {words.percent(item.verified['l1'])}{off}"
+    return (
+        f"<p class='faint'>The table {escape(item.table_path.name)} was written, read again and measured on "
+        f"{item.verified['directions']:,} directions that nothing was chosen by: {escape(text)}.</p>"
+    )
+
+
+def _data(found: Pareto) -> str:
+    """What the script draws."""
+    colours = figures.colours_of(found.entries)
+    looks = {name: {"colour": c, "shape": _SHAPES[k % len(_SHAPES)]} for k, (name, c) in enumerate(colours.items())}
+    looks |= {e.representation: {"colour": "#777", "shape": "cross"} for e in found.entries if e.kind == "peer"}
+    keys = ("representation", "label", "kind", "nbytes", "error", "ns", "ns_median", "on_front")
+    entries = []
+    for k, entry in enumerate(found.entries):
+        told = entry.to_json(found.tolerance)
+        entries.append({
+            **{key: told[key] for key in keys}, "k": k, "words": words.figures(entry), "verdict": words.verdict(entry, found),
+        })  # fmt: skip
+    data = {
+        "entries": entries, "looks": looks, "chosen": found.entries.index(found.chosen), "met": found.met,
+        "tolerance": found.tolerance, "tolerance_text": words.percent(found.tolerance),
+    }  # fmt: skip
+    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+
+
+def _table(found: Pareto) -> str:
+    threads = [label for label in found.chosen.timings if "x" in label]
+    heads = [
+        "representation", "error (L1) ± 1σ", "p99 off by", f"albedo bias to {_BIAS_TO:g}°", "memory",
+        "ns a look-up <small>fastest – median round</small>", "1 000 at a time", "1 at a time",
+        *(f"{label.partition('x')[2]} cores" for label in threads), "build", "",
+    ]  # fmt: skip
+    rows = "".join(_row(k, e, found, threads) for k, e in enumerate(found.entries))
+    return f"<table><thead><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _row(k: int, entry: Entry, found: Pareto, threads: list[str]) -> str:
+    measured = entry.comparison
+    spread = f" <small>± {words.percent(measured.l1_stderr)}</small>" if measured.l1_stderr > words.NEXT_TO_NOTHING else ""
+    right = ' class="right"' if entry.meets(found.tolerance) else ""
+    p99 = measured.log_ratio["p99"]
+    kind = "chosen" if entry is found.chosen else "peer" if entry.kind == "peer" else "beaten" if entry.dominated_by else ""
+    times = [words.nanoseconds(entry.timings[b].best) if b in entry.timings else "" for b in ("1000", "1", *threads)]
+    cells = [
+        f"<td>{escape(entry.label)}</td>",
+        f"<td{right}>{words.percent(entry.error)}{spread}</td>",
+        f"<td>{_factor(p99)}</td>",
+        f"<td>{_bias(entry)}</td>",
+        f"<td>{words.size(entry.nbytes)}</td>",
+        f"<td>{entry.ns.best:.3g} <small>– {entry.ns.median:.3g}</small></td>",
+        *(f"<td>{t}</td>" for t in times),
+        f"<td>{f'{entry.build_seconds:.2g} s' if entry.build_seconds else ''}</td>",
+        f"<td>{escape(words.verdict(entry, found))}</td>",
+    ]
+    return f'<tr data-k="{k}" class="{kind}">{"".join(cells)}</tr>'
+
+
+def _bias(entry: Entry) -> str:
+    found = entry.comparison.albedo_bias
+    near = [b for t, b in zip(found["theta_i"], found["bias"]) if np.degrees(t) <= _BIAS_TO + 1e-9 and b == b]
+    if not near:
+        return ""
+    worst = max(near, key=abs)
+    return ("+" if worst > 0 else "−" if worst < 0 else "") + words.percent(abs(worst))
+
+
+def _factor(log: float) -> str:
+    """exp of a log ratio as "3 %" or "a factor 4"."""
+    if log != log:
+        return ""
+    if log < 0.7:
+        return words.percent(float(np.expm1(log)))
+    return f"a factor {np.exp(log):.3g}" if log < 20 else "a factor &gt; 10⁸"
+
+
+def _image(figure: Figure, text: str) -> str:
+    coded = base64.b64encode(render(figure, "png")).decode("ascii")
+    return f'<img alt="{escape(text)}" src="data:image/png;base64,{coded}">'
+
+
+def _left_out(found: Pareto) -> str:
+    listed = "".join(f"<li>{escape(text)}</li>" for text in found.left_out)
+    return f"<details><summary>Left out ({len(found.left_out)})</summary><ul>{listed}</ul></details>" if listed else ""
+
+
+def _method(report: Report) -> str:
+    first = report.items[0].found
+    command = report.command or shlex.join(["brdf", "report", *(i.subject.source for i in report.items), "-o", "report.html"])
+    stated = ", ".join(f"{escape(k)} {escape(v)}" for k, v in first.versions.items())
+    directions, seed = first.chosen.comparison.directions, first.chosen.comparison.seed
+    return f"""<h2>How this was measured</h2>
+<p><b>Error (L1)</b>: the share of the reflected energy that is in the wrong direction, with light from everywhere:
+∫|f′−f| cosθᵢ cosθₒ / ∫f cosθᵢ cosθₒ, against the material as given, on {directions:,} random pairs of directions
+(seed {seed}), none a node of a table. ± is one standard error. <b>p99 off by</b>: 99 % of the values are within it.</p>
+<p><b>Time</b>: float32 angles, a million look-ups in one call on one core; all candidates in turn, round after round,
+so that drift hits all alike. The fastest round is quoted, then the median. Less than a quarter's difference is none.</p>
+<p><b>Front</b>: what no other is no larger than, no less exact than, and not distinctly slower than.
+<b>Chosen</b>: the fastest within the tolerance; of equally fast ones the smallest.</p>
+<p><b>Machine</b>: {escape(first.machine)}, {first.threads} threads. <b>Versions</b>: {stated}.</p>
+<p><b>To reproduce</b>:</p><pre>{escape(command)}</pre>"""

@@ -1,0 +1,195 @@
+"""The speed-against-error report of one or several materials: measured once, written as page, picture, text or JSON."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from brdfcore.analysis.pareto import Pareto, pareto
+from brdfcore.analysis.timing import versions
+from brdfcore.atomic import replacing
+from brdfcore.brdf import Brdf
+from brdfcore.errors import InputError, StorageError
+from brdfcore.metrics import compare
+from brdfcore.reporting.appearance import Appearance, appearance
+from brdfcore.reporting.error_map import ErrorMap, error_map
+from brdfcore.tables.base import Progress, Table
+from brdfcore.tables.store import open_table
+
+Kind = Literal["html", "json", "md", "png"]
+KINDS: tuple[Kind, ...] = ("html", "json", "md", "png")
+#: Seed of the directions on which a chosen table is measured again after it was written and read.
+FRESH_SEED = 7
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One material of a report: what it is called, how a shell names it, and the file it comes from, if any."""
+
+    label: str
+    brdf: Brdf
+    source: str = ""
+    path: Path | None = None
+
+
+@dataclass
+class Item:
+    """What is known of one material.
+
+    shown       what pictures compare with the reference: what was chosen; the best table where that is the formula.
+    table_path  where the table was written; None: not asked for, or none is right enough.
+    verified    L1 of that table, read again, on other directions: {l1, l1_stderr, delta, directions, seed}.
+    """
+
+    subject: Subject
+    found: Pareto
+    shown: Brdf
+    shown_name: str
+    look: Appearance
+    where: ErrorMap
+    table_path: Path | None = None
+    verified: dict[str, Any] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        head = self.found.to_json()
+        return {
+            **head,
+            "source": self.subject.source,
+            "table_path": None if self.table_path is None else str(self.table_path),
+            "verified": self.verified,
+            "flip": {**self.look.to_json(), "of": self.shown_name},
+        }
+
+
+class Report:
+    """Materials and what was found of each; `write` chooses the form by the file's name."""
+
+    def __init__(self, items: Sequence[Item], command: str) -> None:
+        self.items = list(items)
+        self.command = command
+
+    def to_json(self) -> dict[str, Any]:
+        """{"materials": [{material, tolerance, machine, front, chosen, table_path, ...}], "versions", "command"}."""
+        return {
+            "materials": [item.to_json() for item in self.items],
+            "versions": versions(),
+            "command": self.command,
+        }
+
+    def render(self, kind: Kind) -> bytes:
+        """The report as "html" (one page, nothing loaded from elsewhere), "json", "md" (Markdown) or "png"."""
+        if kind not in KINDS:
+            raise _bad_kind(str(kind))
+        if kind == "json":
+            return (json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n").encode()
+        if kind == "md":
+            from brdfcore.reporting.markdown import markdown
+
+            return markdown(self).encode()
+        if kind == "png":
+            from brdfcore.plot.rendering import render
+            from brdfcore.reporting.figures import sheet
+
+            return render(sheet([(i.found, i.look, i.where, i.shown, i.shown_name) for i in self.items]), "png")
+        from brdfcore.reporting.page import page
+
+        return page(self).encode()
+
+    def write(self, path: Path) -> None:
+        """Whole or not at all; `InputError` for an extension that is none of `KINDS`."""
+        content = self.render(kind_of(path))
+        with replacing(path) as temporary:
+            temporary.write_bytes(content)
+
+
+def kind_of(path: Path) -> Kind:
+    """What a file of this name holds."""
+    kind = path.suffix.lower().removeprefix(".")
+    for known in KINDS:
+        if kind == known:
+            return known
+    raise _bad_kind(path.name)
+
+
+def _bad_kind(got: str) -> InputError:
+    listed = ", ".join(f".{k}" for k in KINDS)
+    return InputError(
+        "bad_extension", f"{got}: expected a name ending in {listed}", where="--out", got=got[-80:], expected=listed
+    )
+
+
+def report(
+    subjects: Sequence[Subject],
+    *,
+    tolerance: float | None = None,
+    max_bytes: int | None = None,
+    tables: Path | None = None,
+    peers: bool = False,
+    seconds: float = 240.0,
+    command: str = "",
+    progress: Progress | None = None,
+    **options: Any,
+) -> Report:
+    """Measure every material (`analysis.pareto.pareto`), compare pictures, and write the table of each.
+
+    tables   folder for the chosen tables, made if absent; None writes none. A table is written if it is right enough,
+             also where the formula was chosen over it.
+    options  `sizes`, `representations`, `directions`, `rounds` of `pareto`.
+    """
+    if not subjects:
+        raise InputError("wrong_number", "report: expected at least one material, got none", where="MATERIAL")
+    items = []
+    for k, subject in enumerate(subjects):
+        told = _told(progress, subject.label, k, len(subjects))
+        found = pareto(
+            subject.brdf, material=subject.label, tolerance=tolerance, max_bytes=max_bytes, peers=peers,
+            path=subject.path, seconds=seconds, progress=told, **options,
+        )  # fmt: skip
+        items.append(_item(subject, found, tables, told))
+    return Report(items, command)
+
+
+def _item(subject: Subject, found: Pareto, tables: Path | None, progress: Progress | None) -> Item:
+    if progress is not None:
+        progress(0, 1, "lighting spheres")
+    shown = found.table if found.chosen.kind == "model" and found.table is not None else found.chosen
+    assert shown.brdf is not None
+    look = appearance(found.source, shown.brdf, need_flip=False)
+    item = Item(subject, found, shown.brdf, shown.label, look, error_map(found.source, shown.brdf))
+    best = found.table
+    if tables is not None and best is not None and isinstance(best.brdf, Table) and best.meets(found.tolerance):
+        if progress is not None:
+            progress(0, 1, "writing the table and measuring it again")
+        item.table_path, item.verified = _written(best.brdf, found, tables, subject.label)
+    return item
+
+
+def _written(table: Table, found: Pareto, folder: Path, label: str) -> tuple[Path, dict[str, Any]]:
+    """Save, open again, and measure on directions that nothing was chosen by."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(
+            "cannot_write", f"{folder}: {error.strerror or error}", where=str(folder), got=error.strerror
+        ) from error
+    table.error = {**table.error, "tolerance": found.tolerance}
+    path = folder / f"{file_name(label)}.h5"
+    table.save(path)
+    again = compare(found.source, open_table(path), seed=FRESH_SEED).to_json()
+    return path, {key: again[key] for key in ("l1", "l1_stderr", "delta", "directions", "seed")}
+
+
+def file_name(label: str) -> str:
+    """`label` as a name that every file system and the service take."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", label).strip("-._")[:60] or "material"
+
+
+def _told(progress: Progress | None, label: str, k: int, count: int) -> Progress | None:
+    if progress is None:
+        return None
+    head = f"{label} ({k + 1} of {count}): " if count > 1 else ""
+    return lambda done, total, stage: progress(done, total, f"{head}{stage}"[:100])
