@@ -27,6 +27,7 @@ from app.storing import Condition, Store
 
 log = logging.getLogger("brdf.jobs")
 
+JobKind = Literal["upload", "tabulate", "pareto"]
 JobState = Literal["receiving", "queued", "running", "done", "failed", "cancelled"]
 
 #: Jobs that may wait beside the one that runs.
@@ -35,6 +36,8 @@ KEPT_SECONDS = 3600.0
 #: Seconds after which a refused caller may try again.
 _RETRY = 10
 _FOLDER = ".job-"
+#: Name of a report's picture in the folder of its job.
+PICTURE = "picture.png"
 _LONGEST_LINE = 65_536
 #: Wall-clock time a job may take, for each second of processor time it may.
 _PATIENCE = 2
@@ -42,10 +45,10 @@ _PATIENCE = 2
 
 @dataclass
 class Job:
-    """One upload or tabulation. `version` counts its changes."""
+    """One upload, tabulation or report. `version` counts its changes; `picture` is a report's, PNG."""
 
     id: str
-    kind: Literal["upload", "tabulate"]
+    kind: JobKind
     material: str
     condition: Condition
     folder: Path
@@ -56,6 +59,7 @@ class Job:
     finished: float | None = None
     problem: dict[str, Any] | None = None
     made: dict[str, Any] | None = None
+    picture: bytes | None = None
     version: int = 0
     process: subprocess.Popen[bytes] | None = None
 
@@ -81,6 +85,7 @@ class Job:
                 "self": f"/v1/jobs/{self.id}",
                 "events": f"/v1/jobs/{self.id}/events",
                 "material": f"/v1/materials/{self.material}",
+                **({} if self.picture is None else {"picture": f"/v1/jobs/{self.id}/pareto.png"}),
             },
         }
 
@@ -97,7 +102,7 @@ class Jobs:
         self._thread: threading.Thread | None = None
         self._stopping = False
 
-    def start(self, kind: Literal["upload", "tabulate"], material: str, condition: Condition) -> Job:
+    def start(self, kind: JobKind, material: str, condition: Condition) -> Job:
         """A new job with a place in the queue, and a folder for its files; `submit` or `drop` it.
 
         Raises `BusyError` if there is no place (makes a folder).
@@ -259,6 +264,10 @@ class Jobs:
             raise _rebuilt(said["problem"])
         if "made" not in said:
             raise self._died(job, process.returncode)
+        if job.kind == "pareto":
+            answer = json.loads((job.folder / "result").read_bytes())
+            picture = (job.folder / PICTURE).read_bytes()
+            return {"state": "done", "made": answer, "picture": picture, "progress": (1, 1, "done")}
         self.store.place(job.material, job.folder / "result", said["made"], job.condition)
         material = self.store.library.get(job.material)
         made = {"id": material.id, "nbytes": material.nbytes, "error": material.facts["error"]}

@@ -28,7 +28,7 @@ from app.hotpath import HotPath
 from app.jobs import Jobs
 from app.library import Library
 from app.metrics import Metrics
-from app.routers import health, jobs, materials, pages, tables, writing
+from app.routers import health, jobs, materials, pages, pareto, tables, writing
 from app.settings import Settings
 from app.state import State
 from app.storing import Store
@@ -79,6 +79,7 @@ def create_app(settings: Settings | None = None, *, warm: bool = True) -> FastAP
     for router in (
         materials.router,
         writing.router,
+        pareto.router,
         tables.router,
         jobs.router,
         health.router,

@@ -220,6 +220,14 @@ class MaterialModel(Strict):
     tabulate: TabulateOptions | None = Field(None, description="store a table of it instead of the model itself")
 
 
+class ParetoRequest(Strict):
+    """What the representations of a material are weighed for."""
+
+    tolerance: float | None = Field(None, gt=0, allow_inf_nan=False, description="error (L1) that is right enough: 0.01")
+    max_bytes: int | None = Field(None, gt=0, le=2**40, description="nothing larger is chosen")
+    seconds: float = Field(60.0, ge=1, le=240, description="about how long it may take; fewer sizes are tried in less")
+
+
 class JobProgress(Strict):
     """How far."""
 
@@ -240,7 +248,7 @@ class JobAnswer(Strict):
     """A job."""
 
     id: str
-    kind: Literal["upload", "tabulate"]
+    kind: Literal["upload", "tabulate", "pareto"]
     material: str
     state: Literal["receiving", "queued", "running", "done", "failed", "cancelled"]
     progress: JobProgress
@@ -248,7 +256,9 @@ class JobAnswer(Strict):
     created: str
     finished: str | None
     problem: JobProblem | None
-    result: dict[str, Any] | None = Field(description="id, bytes and measured error of the material, once it is done")
+    result: dict[str, Any] | None = Field(
+        description="once it is done: id, bytes and measured error of the material; of a report its materials"
+    )
     links: dict[str, str]
 
 
@@ -344,6 +354,7 @@ SCHEMAS: tuple[type[BaseModel], ...] = (
     ChecksAnswer,
     GlossAnswer,
     MaterialModel,
+    ParetoRequest,
     JobAnswer,
     SliceAnswer,
     MaterialLine,

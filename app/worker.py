@@ -1,4 +1,4 @@
-"""The process that reads a stranger's file or tabulates: `python -m app.worker`, one task, then its end.
+"""The process that reads a stranger's file, tabulates or weighs representations: `python -m app.worker`, one task, then its end.
 
 It takes limits of memory and processor time upon itself before anything else, so that whatever a file does to its
 reader, the service goes on. The task is JSON on stdin; what happens is told in JSON lines on what was stdout:
@@ -52,6 +52,8 @@ def _work(task: dict[str, Any], said: TextIO) -> str:
     import brdfcore as bc
 
     result = Path(task["result"])
+    if "pareto" in task:
+        return _report(task, result, said)
     options = task["tabulate"]
     b = bc.model(task["model"], **task["parameters"]) if "model" in task else _read(task, said)
     if task.get("about"):
@@ -81,6 +83,21 @@ def _work(task: dict[str, Any], said: TextIO) -> str:
     _say(said, {"progress": [0, 1, "writing"]})
     b.save(result)
     return ".h5"
+
+
+def _report(task: dict[str, Any], result: Path, said: TextIO) -> str:
+    """Weigh the representations of a stored material; JSON into the result's file, the picture beside it."""
+    import brdfcore as bc
+
+    def progress(done: int, total: int, stage: str) -> None:
+        _say(said, {"progress": [done, total, stage]})
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        made = bc.report({task["material"]: bc.read(task["input"])}, progress=progress, **task["pareto"])
+        result.write_bytes(made.render("json"))
+        result.with_name(task["picture"]).write_bytes(made.render("png"))
+    return ".json"
 
 
 def _read(task: dict[str, Any], said: TextIO) -> Any:

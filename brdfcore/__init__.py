@@ -23,10 +23,13 @@ _PUBLIC = {
     "Parameter": "brdfcore.parameters",
     "Status": "brdfcore.status",
     "Table": "brdfcore.tables.base",
-    "compare": "brdfcore.metrics",
     "check": "brdfcore.analysis.checks",
     "gloss": "brdfcore.analysis.gloss",
     "repair": "brdfcore.analysis.repair",
+    "compare": "brdfcore.reporting.comparison",
+    "pareto": "brdfcore.analysis.pareto",
+    "plan": "brdfcore.analysis.plan",
+    "report": "brdfcore.reporting.report",
     "model": "brdfcore.catalogue",
     "models": None,  # a package that is callable: brdfcore.models()
     "representations": "brdfcore.catalogue",
@@ -49,6 +52,8 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.analysis.checks import check as check
     from brdfcore.analysis.gloss import gloss as gloss
     from brdfcore.analysis.repair import repair as repair
+    from brdfcore.analysis.pareto import pareto as pareto
+    from brdfcore.analysis.plan import plan as plan
     from brdfcore.brdf import Brdf as Brdf
     from brdfcore.brdf import Channels as Channels
     from brdfcore.build import tabulate as tabulate
@@ -69,10 +74,11 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.io import read as read
     from brdfcore.io import sniff as sniff
     from brdfcore.io import write as write
-    from brdfcore.metrics import compare as compare
     from brdfcore.parameters import Parameter as Parameter
     from brdfcore.plot.slices import slice as slice
     from brdfcore.starter import starter_library as starter_library
+    from brdfcore.reporting.comparison import compare as compare
+    from brdfcore.reporting.report import report as report
     from brdfcore.status import Status as Status
     from brdfcore.tables.base import Table as Table
     from brdfcore.tables.store import open_table as open_table

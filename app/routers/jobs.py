@@ -20,7 +20,7 @@ from app.state import State, state_of
 
 #: Seconds between two looks at a job, and between two signs of life to the caller.
 _LOOK, _ALIVE = 0.1, 15.0
-_PARAMETER: dict[str, Any] = {
+JOB_PARAMETER: dict[str, Any] = {
     "name": "id",
     "in": "path",
     "required": True,
@@ -61,7 +61,7 @@ def accepted(state: State, job: Job) -> Response:
     description="Kept for an hour after its end. `code` is job_lost if this process does not know it (any more).",
     operation_id="job",
     responses=answers(_JOB, "state and progress", (404,), cached=False),
-    openapi_extra=parameters((), [_PARAMETER]),
+    openapi_extra=parameters((), [JOB_PARAMETER]),
 )
 async def job_get(request: Request) -> Response:
     state, job = _find(request)
@@ -74,7 +74,7 @@ async def job_get(request: Request) -> Response:
     description="Server-sent events, each the job as JSON, until it has ended.",
     operation_id="job_events",
     responses=answers(_EVENTS, "events", (404,), cached=False),
-    openapi_extra=parameters((), [_PARAMETER]),
+    openapi_extra=parameters((), [JOB_PARAMETER]),
 )
 async def job_events(request: Request) -> Response:
     state, job = _find(request)
@@ -89,7 +89,7 @@ async def job_events(request: Request) -> Response:
     description="One that has ended stays as it is.",
     operation_id="cancel_job",
     responses=answers(_JOB, "the job, ended", (401, 403, 404), cached=False),
-    openapi_extra=parameters((), [_PARAMETER]),
+    openapi_extra=parameters((), [JOB_PARAMETER]),
 )
 async def job_delete(request: Request) -> Response:
     check_write(state_of(request).settings, request.headers)

@@ -180,7 +180,7 @@ def _model(content: Any, settings: Settings) -> tuple[dict[str, Any], dict[str, 
     try:
         asked = MaterialModel.model_validate(content, strict=True)
     except ValidationError as error:
-        raise _explained(error) from error
+        raise explained(error) from error
     options = None if asked.tabulate is None else _options(asked.tabulate.model_dump(exclude_unset=True), settings)
     return {"model": asked.model, "parameters": asked.parameters, "about": asked.about}, options
 
@@ -206,7 +206,7 @@ def _options(given: dict[str, Any], settings: Settings) -> dict[str, Any]:
     try:
         options = TabulateOptions.model_validate_json(json.dumps(given), strict=True).model_dump(exclude_unset=True)
     except ValidationError as error:
-        raise _explained(error, "tabulate.") from error
+        raise explained(error, "tabulate.") from error
     if "shape" in options and options["shape"] is not None:
         _check_table(options, 1, settings)
     return options
@@ -229,7 +229,8 @@ def _check_table(options: dict[str, Any], channels: int, settings: Settings) -> 
         )
 
 
-def _explained(error: ValidationError, where: str = "") -> bc.InputError:
+def explained(error: ValidationError, where: str = "") -> bc.InputError:
+    """The first complaint about a body as an error of ours."""
     first = error.errors(include_url=False, include_context=False)[0]
     place = where + ".".join(str(part)[:40] for part in first["loc"]) or "body"
     got = first["input"]

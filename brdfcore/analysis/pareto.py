@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from brdfcore.analysis.timing import ROUNDS, Maker, Timing, label, machine, time_all, versions
-from brdfcore.brdf import Brdf
+from brdfcore.brdf import Brdf, Scaled, Sum
 from brdfcore.build import DEFAULT_TOLERANCE, positive
 from brdfcore.conventions import FloatArray
 from brdfcore.directions import cosine_pairs
 from brdfcore.errors import InputError
-from brdfcore.metrics import Comparison, compare
+from brdfcore.metrics import WHOLE, Comparison, Range, compare
 from brdfcore.models.base import Model
 from brdfcore.registry import REPRESENTATIONS
 from brdfcore.tables.base import BuildOptions, Progress, Table
@@ -164,6 +165,9 @@ def pareto(
     seconds: float = 240.0,
     peers: bool = False,
     path: Path | None = None,
+    light: Range = WHOLE,
+    view: Range = WHOLE,
+    refine: bool = True,
     progress: Progress | None = None,
 ) -> Pareto:
     """Build every applicable representation of `b` over a range of sizes, measure error and speed, and choose.
@@ -189,6 +193,10 @@ def pareto(
         About how long it may take: sizes not reached by then are left out, and said.
     peers : bool
         Also scipy, interpn and, with the `path` of a file of the RGL database, Mitsuba 3, where installed.
+    light, view : (float, float)
+        Ranges of theta_i and theta_o, radians, that the error is measured over.
+    refine : bool
+        False: of each representation nothing larger than the first size within the tolerance is built.
     progress : callable(done, total, stage), optional
 
     Returns
@@ -211,9 +219,10 @@ def pareto(
     names = list(REPRESENTATIONS.names()) if representations is None else list(representations)
     classes: list[type[Table]] = [c for c in map(REPRESENTATIONS.load, names) if c.can_hold(b)]
     reference = _exact(b)
-    work = _Work(reference, directions, start + _BUILDING * seconds, progress)
+    measure = partial(compare, directions=directions, light=light, view=view)
+    work = _Work(reference, measure, start + _BUILDING * seconds, None if refine else tolerance, progress)
     entries = [*_given(b, reference, work), *work.tables(classes, sorted(set(map(int, sizes))))]
-    makers = {e.label: _maker(e.brdf) for e in entries if e.brdf is not None}
+    makers = {e.label: look_up_maker(e.brdf) for e in entries if e.brdf is not None}
     single: dict[str, Any] = {}
     if peers:
         for entry, maker, alone in _peers(reference, entries, path, work):
@@ -277,13 +286,21 @@ def choose(entries: Sequence[Entry], tolerance: float, room: float | None, *, sm
 class _Work:
     """Builds and measures, until the time is up."""
 
-    def __init__(self, reference: Brdf, directions: int, until: float, progress: Progress | None) -> None:
-        self.reference, self.directions, self.until, self.progress = reference, directions, until, progress
+    def __init__(
+        self,
+        reference: Brdf,
+        measure: Callable[[Brdf, Brdf], Comparison],
+        until: float,
+        enough: float | None,
+        progress: Progress | None,
+    ) -> None:
+        self.reference, self.measure, self.until, self.enough = reference, measure, until, enough
+        self.progress = progress
         self.left_out: list[str] = []
         self._ids: set[str] = set()
 
     def measured(self, b: Brdf) -> Comparison:
-        return compare(self.reference, b, directions=self.directions)
+        return self.measure(self.reference, b)
 
     def known(self, table: Table) -> bool:
         """Whether this very table is an entry already; from now on it is."""
@@ -296,10 +313,13 @@ class _Work:
         ways = [(cls, way) for cls in classes for way in _interpolations(cls)]
         prepared: dict[tuple[str, str], Any] = {}
         last: dict[tuple[str, str], float] = {}
+        done: set[tuple[str, str]] = set()
         steps = [(size, cls, way) for size in sizes for cls, way in ways]
         for k, (size, cls, way) in enumerate(steps):
             if self.progress is not None:
                 self.progress(k, len(steps), f"building {cls.name} within {size} bytes")
+            if (cls.name, way) in done:
+                continue
             if time.perf_counter() > self.until:
                 self.left_out.append(f"{cls.name}{_shown(way)} within {size} bytes: the time was up")
                 continue
@@ -317,7 +337,10 @@ class _Work:
                 continue
             if made:
                 last[cls.name, way] = max(e.build_seconds for e in made)
-                yield min(made, key=lambda e: (e.error, e.nbytes))
+                best = min(made, key=lambda e: (e.error, e.nbytes))
+                if self.enough is not None and best.meets(self.enough):
+                    done.add((cls.name, way))
+                yield best
         usual = [cls for cls in classes if cls.name == USUAL[0]]
         for cls in usual:
             entry = self._built(cls, BuildOptions(USUAL[1], USUAL[2]), None)
@@ -345,6 +368,13 @@ def _exact(b: Brdf) -> Brdf:
     return b
 
 
+def is_formula(b: Brdf) -> bool:
+    """Whether `b` is a model, or sums and multiples of models."""
+    if isinstance(b, Sum):
+        return all(is_formula(part) for part in b.parts)
+    return is_formula(b.part) if isinstance(b, Scaled) else isinstance(b, Model)
+
+
 def _tier(b: Model, precision: str) -> Model:
     made = type(b)(**{**b.parameters, "precision": precision})
     made.metadata = {**b.metadata, **made.metadata}
@@ -357,7 +387,7 @@ def _given(b: Brdf, reference: Brdf, work: _Work) -> Iterator[Entry]:
         work.known(reference)
         detail = _variant(reference, str(reference.attributes().get("interpolation", "linear")))
         yield Entry(reference.name, f"{detail}, as given", "table", reference.nbytes, 0.0, work.measured(reference), reference)
-    elif reference._analytic:
+    elif is_formula(reference):
         name = reference.name if isinstance(reference, Model) else "formula"
         yield Entry(name, "exact", "model", 0, 0.0, work.measured(reference), reference)
         if isinstance(reference, Model) and reference.FAST:
@@ -397,7 +427,9 @@ def _angles(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     return theta_i, theta_o, delta_phi
 
 
-def _maker(b: Brdf) -> Maker:
+def look_up_maker(b: Brdf) -> Maker:
+    """What `time_all` times: float32 look-ups of `b` into an array that exists."""
+
     def make(n: int) -> Any:
         angles = _angles(n)
         out = np.empty((n, len(b.channels)), np.float32)

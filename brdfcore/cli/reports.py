@@ -1,4 +1,4 @@
-"""The commands of `brdf` that weigh representations: report."""
+"""The commands of `brdf` that weigh representations: report for a material, plan for a scene."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import typer
 
 from brdfcore.cli import arguments
 from brdfcore.cli.make import may_write
-from brdfcore.cli.output import as_json, line, progress_bar
+from brdfcore.cli.output import as_json, bytes_text, line, progress_bar, warn
 
-Json = Annotated[bool, typer.Option("--json", help="The same as the .json form, on stdout too.")]
+Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; an error is JSON on stderr.")]
 
 
 def report(
@@ -72,7 +72,70 @@ def report(
     line(str(out))
 
 
+def plan(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.json", show_default=False, help="The scene, see below.")],
+    build: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write the tables here, for `brdf serve`.", show_default=False)
+    ] = None,
+    json: Json = False,
+) -> None:
+    from brdfcore.analysis.plan import MERL_BYTES
+    from brdfcore.analysis.plan import plan as make
+    from brdfcore.analysis.plan_build import build as write
+    from brdfcore.reporting import words
+
+    with progress_bar() as progress, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        made = make(scene, progress=progress)
+        manifest = write(made, build, progress=progress) if build is not None else None
+    if json:
+        as_json(manifest or made.to_json())
+        return
+    rows = [("material", "use", "error", "bytes", "ns", "because")]
+    for choice in made.choices:
+        rows.append((
+            ", ".join(choice.names), choice.entry.label, words.percent(choice.entry.error),
+            words.size(choice.entry.nbytes), f"{choice.entry.ns.best:.3g}", choice.reason,
+        ))  # fmt: skip
+        best = sorted(choice.alternatives, key=lambda a: not a[0].meets(choice.tolerance))[:2]
+        rows += [("", f"  not {e.label}", words.percent(e.error), words.size(e.nbytes), f"{e.ns.best:.3g}", why) for e, why in best]
+    widths = [max(len(row[k]) for row in rows) for k in range(5)]
+    for k, row in enumerate(rows):
+        line("  ".join([*(cell.ljust(w) for cell, w in zip(row, widths)), row[5]]), "bold" if k == 0 else None)
+    line()
+    count = len(made.scene.materials)
+    line(f"{count} materials: {bytes_text(made.nbytes)} and {made.ns:.0f} ns for a look-up of each")
+    line(f"a MERL table each: {count} x {bytes_text(MERL_BYTES)}; this is {words.percent(made.nbytes / made.naive_bytes)} of it")
+    if build is not None:
+        worst = max((c.verified["l1"] or 0.0) / c.tolerance for c in made.choices if c.verified)
+        line(f"{build}: written and measured again on other directions; the worst error is {worst:.2f} x its tolerance")
+    for text in made.problems:
+        warn(text)
+
+
 _HELP: dict[Any, str] = {
+    plan: """What does a scene need? For each material the smallest representation that is right enough, and why.
+
+SCENE.json lists materials, how each is seen, and a budget:
+
+\b
+  {"budget": {"error": 0.01, "bytes": 5e6, "ns": 20},
+   "materials": [
+     {"name": "wall", "model": "lambert", "parameters": {"reflectance": 0.8}},
+     {"name": "car", "file": "paint.bsdf", "light": [0, 80], "view": [10, 60],
+      "lighting": "environment", "channels": ["G"], "error": 0.02}]}
+
+error is L1 of each material (default 0.01), bytes that of all tables together, ns the longest time of a look-up on one
+core; light and view are ranges of theta_i and theta_o in degrees ("angles": "rad" switches); lighting is "lamps" or
+"environment"; channels are names or wavelengths. What is left out is not restricted. Files are sought beside SCENE.json.
+Equal materials share one table; only the channels needed are stored; errors are measured over the angles seen; a formula
+is kept where it is small and quick. --build writes NAME.h5, NAME.json and plan.manifest, which `brdf serve --data DIR`
+serves, and measures each file on directions that nothing was chosen by.
+
+\b
+Examples:
+  brdf plan scene.json
+  brdf plan scene.json --build materials --json""",
     report: """Which representation does a material need? Error, memory and speed of all of them, and which to use.
 
 Builds every table that can hold MATERIAL over a range of sizes, measures each one's error on random directions and its
@@ -85,7 +148,10 @@ Examples:
   brdf report cook_torrance:roughness=0.1,ior=gold paint.bsdf -o report.html
   brdf report paint.bsdf --tolerance 0.002 --max-bytes 1MB -o report.json --tables tables""",
 }
-_SHORT: dict[Any, str] = {report: "Say which representation a material needs: error, bytes, speed."}
+_SHORT: dict[Any, str] = {
+    plan: "Say what a scene's materials need, and build it.",
+    report: "Say which representation a material needs: error, bytes, speed.",
+}
 
 
 def add_to(app: typer.Typer) -> None:

@@ -6,7 +6,7 @@ puts the measures of `estimators` together; `symmetry` holds the defects and fla
 
 from __future__ import annotations
 
-from brdfcore.metrics.comparison import BIAS_ANGLES, Comparison, albedo_bias, compare
+from brdfcore.metrics.comparison import BIAS_ANGLES, WHOLE, Comparison, Range, albedo_bias, compare
 from brdfcore.metrics.symmetry import (
     ALBEDO_SLACK,
     FLAG_DEFECT,
@@ -19,7 +19,9 @@ __all__ = [
     "ALBEDO_SLACK",
     "BIAS_ANGLES",
     "FLAG_DEFECT",
+    "WHOLE",
     "Comparison",
+    "Range",
     "albedo_bias",
     "bilateral_defect",
     "compare",

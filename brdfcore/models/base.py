@@ -108,7 +108,7 @@ class Model(Brdf):
         self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray, start: int, stop: int
     ) -> bool:
         angles = theta_i[start:stop], theta_o[start:stop], delta_phi[start:stop]
-        if not _in_plain_domain(*angles):
+        if not in_plain_domain(*angles):
             return False
         pair = pair_from_angles(*(x.astype(np.float64, copy=False) for x in angles))
         self._store(self._value(pair), out[start:stop])
@@ -174,7 +174,7 @@ def _kernel(path: str) -> Callable[..., Any]:
     return kernel
 
 
-def _in_plain_domain(theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> bool:
+def in_plain_domain(theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> bool:
     """Whether a block needs no `conventions.check_domain`. Extremes with NaN are NaN, which compares false; beside a
     numpy number the Python number HALF_PI takes its type, so that each type has its own pi/2."""
     return bool(

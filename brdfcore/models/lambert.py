@@ -7,8 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.conventions import FloatArray
 from brdfcore.geometry import PairGeometry
-from brdfcore.models.base import Model, channels_for
+from brdfcore.models.base import Model, channels_for, in_plain_domain
 from brdfcore.parameters import Parameter
 
 
@@ -36,3 +37,12 @@ class Lambert(Model):
 
     def _value(self, pair: PairGeometry) -> npt.NDArray[np.float64]:
         return np.broadcast_to(self._f, (pair.cos_i.size, self._f.size))
+
+    def _evaluate_block(
+        self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray, start: int, stop: int
+    ) -> bool:
+        # the same without the geometry, which a constant does not need
+        if not in_plain_domain(theta_i[start:stop], theta_o[start:stop], delta_phi[start:stop]):
+            return False
+        out[start:stop] = self._f
+        return True

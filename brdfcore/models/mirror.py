@@ -7,10 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.conventions import FloatArray
 from brdfcore.errors import InputError
 from brdfcore.geometry import PairGeometry
 from brdfcore.models import fresnel
-from brdfcore.models.base import Model
+from brdfcore.models.base import Model, in_plain_domain
 from brdfcore.models.optical_constants import EXTERIOR_IOR, IOR, WAVELENGTHS, channels_of, ior_to_json, material_index
 from brdfcore.parameters import Parameter
 
@@ -56,6 +57,15 @@ class Mirror(Model):
 
     def _value(self, pair: PairGeometry) -> npt.NDArray[np.float64]:
         return np.zeros((pair.cos_i.size, 1))
+
+    def _evaluate_block(
+        self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray, start: int, stop: int
+    ) -> bool:
+        # the same without the geometry, which nothing depends on
+        if not in_plain_domain(theta_i[start:stop], theta_o[start:stop], delta_phi[start:stop]):
+            return False
+        out[start:stop] = 0
+        return True
 
     def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         values = self._scale * self._fresnel(np.cos(theta_i), np.sin(theta_i) ** 2)

@@ -17,7 +17,7 @@ CELLS, AZIMUTHS = (90, 60), 24
 
 @dataclass(frozen=True)
 class ErrorMap:
-    """mean |f' - f| / (mean f + d) over phi_d and channels, at cell centres (n_h, n_d), d = 1e-6 albedo/pi; nan where
+    """mean |f' - f| / (mean f + d) over phi_d and channels, at cell centres (n_h, n_d), d = albedo/pi; nan where
     nothing is above the horizon. theta_h, theta_d: cell edges, radians; theta_h is finer towards 0 (sqrt)."""
 
     theta_h: Array
@@ -45,8 +45,8 @@ def error_map(reference: Brdf, candidate: Brdf) -> ErrorMap:
     with np.errstate(over="ignore", invalid="ignore"):
         sums[0, above], sums[1, above] = np.abs(g - f).sum(axis=-1), np.abs(f).sum(axis=-1)
     wrong, there = sums.sum(axis=-1)
-    # as in the log ratios: what carries no light does not count as wrong
-    floor = 1e-6 * max(float(np.mean(reference.albedo(0.0) - reference.delta_reflectance(0.0))), 0.0) / np.pi
+    # beside a matt surface of this albedo: what is much darker than that can't be seen to be wrong
+    floor = max(float(np.mean(reference.albedo(0.0) - reference.delta_reflectance(0.0))), 0.0) / np.pi
     count = above.sum(axis=-1) * len(reference.channels)
     error = np.divide(wrong, there + floor * count, out=np.full(there.shape, np.nan), where=(there > 0) | (floor * count > 0))
     return ErrorMap(edges_h, edges_d, error)

@@ -39,8 +39,8 @@
     tip.hidden = true;
 
     function paint() {
-      box.querySelector("svg")?.remove();
-      const svg = node("svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": "error against " + (key === "ns" ? "time" : "bytes") });
+      box.querySelector("svg.front")?.remove();
+      const svg = node("svg", { class: "front", viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": "error against " + (key === "ns" ? "time" : "bytes") });
       const all = data.entries.filter(e => e.error !== null);
       const positive = all.map(e => e[key]).filter(v => v > 0);
       const lo = Math.floor(Math.log10(Math.min(...positive)) - .15), hi = Math.ceil(Math.log10(Math.max(...positive)) + .1);

@@ -75,8 +75,8 @@ def _section(k: int, item: Item) -> str:
     boxes = "".join(f"<div><b>{escape(a)}</b><span>{escape(b)}</span></div>" for a, b in numbers)
     pictures = (
         (figures.spheres(item.look), f"lit spheres of the reference and of {item.shown_name}, and their FLIP difference"),
-        (figures.errors(item.where), "error over half and difference angle"),
         (figures.slices(found.source, item.shown, item.shown_name), "slices in the plane of incidence"),
+        (figures.errors(item.where), "error over half and difference angle"),
     )
     return f"""<section class="material" id="m{k}">
 <h2>{escape(found.material)}</h2>
@@ -105,7 +105,9 @@ def _code(item: Item) -> str:
     chosen = item.found.chosen
     lines = ["import brdfcore as bc"]
     if isinstance(chosen.brdf, Model):
-        given = {k: v for k, v in chosen.brdf.metadata["parameters"].items() if k != "precision" and v is not None}
+        defaults = {p.name: p.default for p in chosen.brdf.PARAMETERS}
+        named = chosen.brdf.metadata["parameters"]
+        given = {k: v for k, v in named.items() if k != "precision" and v != defaults.get(k)}
         listed = "".join(f", {k}={_literal(v)}" for k, v in given.items())
         precision = ', precision="fast"' if chosen.variant == "fast" else ""
         lines.append(f'b = bc.model("{chosen.representation}"{listed}{precision})')
@@ -158,9 +160,9 @@ def _data(found: Pareto) -> str:
 def _table(found: Pareto) -> str:
     threads = [label for label in found.chosen.timings if "x" in label]
     heads = [
-        "representation", "error (L1) ± 1σ", "p99 off by", f"albedo bias to {_BIAS_TO:g}°", "memory",
-        "ns a look-up <small>fastest – median round</small>", "1 000 at a time", "1 at a time",
-        *(f"{label.partition('x')[2]} cores" for label in threads), "build", "",
+        "representation", "", "error (L1) ± 1σ", "p99 off by", f"albedo bias to {_BIAS_TO:g}°", "memory",
+        "ns a look-up <small>best – median</small>", "1 000 at a time", "1 at a time",
+        *(f"{label.partition('x')[2]} cores" for label in threads), "build",
     ]  # fmt: skip
     rows = "".join(_row(k, e, found, threads) for k, e in enumerate(found.entries))
     return f"<table><thead><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr></thead><tbody>{rows}</tbody></table>"
@@ -175,6 +177,7 @@ def _row(k: int, entry: Entry, found: Pareto, threads: list[str]) -> str:
     times = [words.nanoseconds(entry.timings[b].best) if b in entry.timings else "" for b in ("1000", "1", *threads)]
     cells = [
         f"<td>{escape(entry.label)}</td>",
+        f'<td title="{escape(words.verdict(entry, found))}">{escape(words.verdict(entry, found).partition(" by ")[0])}</td>',
         f"<td{right}>{words.percent(entry.error)}{spread}</td>",
         f"<td>{_factor(p99)}</td>",
         f"<td>{_bias(entry)}</td>",
@@ -182,7 +185,6 @@ def _row(k: int, entry: Entry, found: Pareto, threads: list[str]) -> str:
         f"<td>{entry.ns.best:.3g} <small>– {entry.ns.median:.3g}</small></td>",
         *(f"<td>{t}</td>" for t in times),
         f"<td>{f'{entry.build_seconds:.2g} s' if entry.build_seconds else ''}</td>",
-        f"<td>{escape(words.verdict(entry, found))}</td>",
     ]
     return f'<tr data-k="{k}" class="{kind}">{"".join(cells)}</tr>'
 

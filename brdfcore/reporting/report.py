@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -123,7 +123,7 @@ def _bad_kind(got: str) -> InputError:
 
 
 def report(
-    subjects: Sequence[Subject],
+    subjects: Sequence[Subject] | Mapping[str, Brdf],
     *,
     tolerance: float | None = None,
     max_bytes: int | None = None,
@@ -136,10 +136,13 @@ def report(
 ) -> Report:
     """Measure every material (`analysis.pareto.pareto`), compare pictures, and write the table of each.
 
+    subjects the materials by name, or with what is known of where they come from.
     tables   folder for the chosen tables, made if absent; None writes none. A table is written if it is right enough,
              also where the formula was chosen over it.
     options  `sizes`, `representations`, `directions`, `rounds` of `pareto`.
     """
+    if isinstance(subjects, Mapping):
+        subjects = [Subject(label, b) for label, b in subjects.items()]
     if not subjects:
         raise InputError("wrong_number", "report: expected at least one material, got none", where="MATERIAL")
     items = []

@@ -53,7 +53,8 @@ def title(entry: Entry) -> str:
         return f"the formula itself ({entry.representation}, {entry.variant} tier)"
     if entry.kind == "peer":
         return f"{entry.representation} ({entry.variant})"
-    return f"a {entry.representation} table ({entry.variant})"
+    article = "an" if entry.representation[:1] in "aeiou" else "a"
+    return f"{article} {entry.representation} table ({entry.variant})"
 
 
 def figures(entry: Entry) -> str:
