@@ -223,7 +223,9 @@ class MaterialModel(Strict):
 class ParetoRequest(Strict):
     """What the representations of a material are weighed for."""
 
-    tolerance: float | None = Field(None, gt=0, allow_inf_nan=False, description="error (L1) that is right enough: 0.01")
+    tolerance: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="error (L1) that is right enough: 0.01"
+    )
     max_bytes: int | None = Field(None, gt=0, le=2**40, description="nothing larger is chosen")
     seconds: float = Field(60.0, ge=1, le=240, description="about how long it may take; fewer sizes are tried in less")
 

@@ -1,4 +1,4 @@
-"""The process that reads a stranger's file, tabulates or weighs representations: `python -m app.worker`, one task, then its end.
+"""The process that reads a stranger's file, tabulates or weighs representations: `python -m app.worker`, one task.
 
 It takes limits of memory and processor time upon itself before anything else, so that whatever a file does to its
 reader, the service goes on. The task is JSON on stdin; what happens is told in JSON lines on what was stdout:

@@ -76,9 +76,9 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.io import write as write
     from brdfcore.parameters import Parameter as Parameter
     from brdfcore.plot.slices import slice as slice
-    from brdfcore.starter import starter_library as starter_library
     from brdfcore.reporting.comparison import compare as compare
     from brdfcore.reporting.report import report as report
+    from brdfcore.starter import starter_library as starter_library
     from brdfcore.status import Status as Status
     from brdfcore.tables.base import Table as Table
     from brdfcore.tables.store import open_table as open_table

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter
@@ -62,7 +61,8 @@ async def pareto(request: Request) -> Response:
     try:
         path = await run_sync(_copied, state, job)
         state.jobs.submit(
-            job, {"material": name, "input": str(path), "picture": PICTURE, "pareto": asked.model_dump(exclude_none=True)}
+            job,
+            {"material": name, "input": str(path), "picture": PICTURE, "pareto": asked.model_dump(exclude_none=True)},
         )
     except BaseException:
         state.jobs.drop(job)

@@ -24,17 +24,19 @@ from brdfcore.registry import REPRESENTATIONS
 from brdfcore.tables.base import BuildOptions, Progress, Table
 
 #: Bytes that each representation is built within, in turn.
-SIZES = (8_000, 32_000, 128_000, 512_000, 2_000_000, 8_000_000)
+SIZES = tuple(8_000 * 2**k for k in range(11))
 #: The usual practice: the layout of the MERL files and the node next to the direction (W. Matusik, H. Pfister,
 #: M. Brand, L. McMillan, "A data-driven reflectance model", ACM Trans. Graph. 22(3), 2003).
 USUAL = ("half_angle_grid", (90, 90, 180), "nearest")
 #: Shapes of one size that are built to find the best, up to _SEVERAL bytes.
 _SHAPES, _SEVERAL = 3, 1_000_000
-#: A size is left out if the one before, a quarter of it, says that its build takes longer than this, seconds.
+#: A size is left out if the one before says that its build takes longer than this, seconds.
 _LONGEST_BUILD = 15.0
 #: Nothing more is built after this share of the time; the rest is for timing and pictures.
 _BUILDING = 0.6
 _HEADLINE = label(1_000_000, 1)
+#: What misplaces more than this share of the energy is no candidate, however small or fast: it is not on the front.
+USELESS = 0.25
 #: A table chosen for a tolerance is measured again on other directions; what the first measurement leaves open has to
 #: stay within this factor.
 CERTAIN = 1.1
@@ -75,6 +77,11 @@ class Entry:
         return math.inf if math.isnan(l1) or math.isnan(worst) else worst
 
     @property
+    def on_front(self) -> bool:
+        """Nothing of ours dominates it, and it is not `USELESS`."""
+        return self.dominated_by is None and self.kind != "peer" and self.error <= USELESS
+
+    @property
     def ns(self) -> Timing:
         """A million look-ups in one call, on one thread; its `best` is what entries are ranked by."""
         return self.timings[_HEADLINE]
@@ -100,7 +107,7 @@ class Entry:
             "ns_high": self.ns.high,
             "ns_batches": {k: t.to_json() for k, t in self.timings.items()},
             "build_seconds": self.build_seconds,
-            "on_front": self.dominated_by is None and self.kind != "peer",
+            "on_front": self.on_front,
             "dominated_by": self.dominated_by,
             "meets": self.meets(tolerance),
             "usual_practice": self.usual,
@@ -128,7 +135,7 @@ class Pareto:
     @property
     def front(self) -> list[Entry]:
         """What nothing else dominates, smallest first."""
-        return [e for e in self.entries if e.dominated_by is None and e.kind != "peer"]
+        return [e for e in self.entries if e.on_front]
 
     @property
     def met(self) -> bool:
@@ -323,7 +330,7 @@ class _Work:
             if time.perf_counter() > self.until:
                 self.left_out.append(f"{cls.name}{_shown(way)} within {size} bytes: the time was up")
                 continue
-            if (expected := 5 * last.get((cls.name, way), 0.0)) > _LONGEST_BUILD:
+            if (expected := 2.5 * last.get((cls.name, way), 0.0)) > _LONGEST_BUILD:
                 self.left_out.append(f"{cls.name}{_shown(way)} within {size} bytes: some {expected:.0f} s to build")
                 continue
             options = BuildOptions(interpolation=way, prepared=prepared.get((cls.name, way)))
@@ -386,7 +393,9 @@ def _given(b: Brdf, reference: Brdf, work: _Work) -> Iterator[Entry]:
     if isinstance(reference, Table):
         work.known(reference)
         detail = _variant(reference, str(reference.attributes().get("interpolation", "linear")))
-        yield Entry(reference.name, f"{detail}, as given", "table", reference.nbytes, 0.0, work.measured(reference), reference)
+        yield Entry(
+            reference.name, f"{detail}, as given", "table", reference.nbytes, 0.0, work.measured(reference), reference
+        )
     elif is_formula(reference):
         name = reference.name if isinstance(reference, Model) else "formula"
         yield Entry(name, "exact", "model", 0, 0.0, work.measured(reference), reference)

@@ -114,9 +114,8 @@ def mitsuba_peer(path: Path, source: Brdf) -> tuple[list[Peer], list[str]]:
         finally:
             dr.set_thread_count(before)
 
-    return [
-        Peer("Mitsuba 3 measured", f"version {mi.__version__}", path.stat().st_size, maker, _Mitsuba(maker, source), single)
-    ], []
+    size, like = path.stat().st_size, _Mitsuba(maker, source)
+    return [Peer("Mitsuba 3 measured", f"version {mi.__version__}", size, maker, like, single)], []
 
 
 class _Mitsuba(Brdf):

@@ -10,17 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from brdfcore.analysis.pareto import Entry, Pareto, pareto
+from brdfcore.analysis.pareto import Entry, Pareto, is_formula, pareto
 from brdfcore.analysis.scene import Scene, SceneMaterial, Selected, read_scene
 from brdfcore.analysis.timing import machine, versions
 from brdfcore.brdf import Brdf
 from brdfcore.directions import mixture
+from brdfcore.metrics import Range
 from brdfcore.tables.base import Progress
 
 #: A file of the MERL database: what everybody takes for every material.
 MERL_BYTES = 34_992_012
 #: Bytes that tables are tried within, from the smallest that any representation needs.
-SIZES = (2_000, 4_000, 8_000, 16_000, 32_000, 64_000, 128_000, 256_000, 512_000, 1_000_000, 2_000_000, 4_000_000, 8_000_000)
+SIZES = tuple(2_000 * 2**k for k in range(13))
 #: Without a limit on the time, what is more than this many times slower than the fastest is not taken: memory saved so
 #: is paid for at every look-up.
 SLOWEST = 4.0
@@ -42,8 +43,8 @@ class Choice:
 
     names: list[str]
     source: Brdf
-    light: tuple[float, float]
-    view: tuple[float, float]
+    light: Range
+    view: Range
     tolerance: float
     entry: Entry
     reason: str
@@ -158,9 +159,9 @@ def _choice(
     group: list[SceneMaterial], scene: Scene, sizes: Sequence[int], directions: int, progress: Progress | None
 ) -> Choice:
     first = group[0]
-    light, view = ((min(r[0] for r in ranges), max(r[1] for r in ranges)) for ranges in zip(*((m.light, m.view) for m in group)))
+    light, view = (_span(ranges) for ranges in zip(*((m.light, m.view) for m in group)))
     tolerance = min(m.error for m in group)
-    wanted = set(first.brdf.channels) if any(m.channels is None for m in group) else {c for m in group for c in m.channels or ()}
+    wanted = {c for m in group for c in m.channels or first.brdf.channels}
     picks = [k for k, c in enumerate(first.brdf.channels) if c in wanted]
     # a formula costs no memory, whatever its channels
     whole = len(picks) == len(first.brdf.channels)
@@ -174,15 +175,17 @@ def _choice(
         _with_formula(found, first.brdf, drawn, light, view)
     environment = all(m.lighting == "environment" for m in group)
     entry, reason, met = decide(found, scene.ns, environment)
-    return Choice(
-        [m.name for m in group], source, light, view, tolerance, entry, reason, met, _alternatives(found, entry, scene.ns), drawn
-    )
+    names, others = [m.name for m in group], _alternatives(found, entry, scene.ns)
+    return Choice(names, source, light, view, tolerance, entry, reason, met, others, drawn)
 
 
-def _with_formula(found: Pareto, b: Brdf, directions: int, light: tuple[float, float], view: tuple[float, float]) -> None:
+def _span(ranges: Sequence[Range]) -> Range:
+    """From the least to the largest."""
+    return min(r[0] for r in ranges), max(r[1] for r in ranges)
+
+
+def _with_formula(found: Pareto, b: Brdf, directions: int, light: Range, view: Range) -> None:
     """Add the formula with all its channels, where a table would hold some of them."""
-    from brdfcore.analysis.pareto import is_formula
-
     if is_formula(b):
         more = pareto(
             b, material=found.material, tolerance=found.tolerance, sizes=(), directions=directions, rounds=_ROUNDS,
@@ -242,7 +245,7 @@ def _alternatives(found: Pareto, chosen: Entry, limit: float | None) -> list[tup
     return listed
 
 
-def _enough(wanted: int, light: tuple[float, float], view: tuple[float, float]) -> int:
+def _enough(wanted: int, light: Range, view: Range) -> int:
     """Draws of which about `wanted` are within the ranges."""
     drawn = mixture(20_000, 5)
     inside = drawn.weight > 0
@@ -265,11 +268,15 @@ def _numbers(e: Entry) -> dict[str, Any]:
     }
 
 
-def _degrees(given: tuple[float, float]) -> list[float]:
+def _degrees(given: Range) -> list[float]:
     return [round(math.degrees(given[0]), 9), round(min(math.degrees(given[1]), 90.0), 9)]
 
 
 def _told(progress: Progress | None, name: str, k: int, count: int) -> Progress | None:
     if progress is None:
         return None
-    return lambda done, total, stage: progress(k * 100 + int(100 * done / max(total, 1)), 100 * count, f"{name}: {stage}"[:100])
+
+    def told(done: int, total: int, stage: str) -> None:
+        progress(k * 100 + int(100 * done / max(total, 1)), 100 * count, f"{name}: {stage}"[:100])
+
+    return told

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from brdfcore.analysis.plan import Choice, Plan
 from brdfcore.analysis.pareto import is_formula
+from brdfcore.analysis.plan import Choice, Plan
 from brdfcore.atomic import replacing
 from brdfcore.brdf import Scaled, Sum
 from brdfcore.errors import InputError, StorageError

@@ -26,7 +26,6 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
 
@@ -122,7 +121,8 @@ def read_scene(scene: Mapping[str, Any] | str | Path) -> Scene:
     for k, given in enumerate(listed):
         made = _material(f"materials[{k}]", given, base, unit, error)
         if made.name in seen:
-            raise _bad(f"materials[{k}].name", made.name, f"a name of its own: materials[{seen[made.name]}] has this one")
+            taken = f"a name of its own: materials[{seen[made.name]}] has this one"
+            raise _bad(f"materials[{k}].name", made.name, taken)
         seen[made.name] = k
         materials.append(made)
     return Scene(tuple(materials), error, limits.get("bytes"), limits.get("ns"))
@@ -139,7 +139,9 @@ def _loaded(path: Path) -> Any:
     try:
         return json.loads(raw)
     except (ValueError, RecursionError) as error:
-        place = f"line {error.lineno}, column {error.colno}: {error.msg}" if isinstance(error, json.JSONDecodeError) else error
+        place: Any = error
+        if isinstance(error, json.JSONDecodeError):
+            place = f"line {error.lineno}, column {error.colno}: {error.msg}"
         raise FileFormatError("bad_scene", f"{path.name}: not JSON ({place})", where=path.name) from error
 
 
@@ -207,7 +209,7 @@ def _channels(where: str, given: Any, brdf: Brdf) -> tuple[Any, ...] | None:
         raise _bad(where, given, f"a list of some of {', '.join(brdf.channels.labels())}")
     picks: list[int] = []
     for item in given:
-        usable = isinstance(item, str) or (isinstance(item, Real) and not isinstance(item, bool))
+        usable = isinstance(item, (str, int, float)) and item is not True and item is not False
         found = [k for k, c in enumerate(brdf.channels) if usable and c == item]
         if not found or found[0] in picks:
             raise _bad(where, item, f"some of {', '.join(brdf.channels.labels())}, each once")
@@ -220,10 +222,11 @@ def _range(where: str, given: Any, unit: str) -> tuple[float, float]:
     if given is None:
         return 0.0, 1.6  # past float32's pi/2
     numbers = isinstance(given, list) and len(given) == 2
-    numbers = numbers and all(isinstance(x, Real) and not isinstance(x, bool) for x in given)
+    numbers = numbers and all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in given)
     # a little past pi/2: a quarter turn in as many digits as people write
     if not numbers or not 0 <= given[0] < given[1] <= top * (1 + 1e-3):
-        raise _bad(where, given, f"[from, to] with 0 <= from < to <= {top:.4g} ({'degrees' if unit == 'deg' else 'radians'})")
+        words = "degrees" if unit == "deg" else "radians"
+        raise _bad(where, given, f"[from, to] with 0 <= from < to <= {top:.4g} ({words})")
     low, high = (math.radians(x) if unit == "deg" else float(x) for x in given)
     return low, 1.6 if given[1] >= top * (1 - 1e-9) else high
 
@@ -245,7 +248,7 @@ def _text(where: str, given: Any) -> str:
 
 def _positive(where: str, given: Any) -> float:
     try:
-        number = float(given) if isinstance(given, Real) and not isinstance(given, bool) else math.nan
+        number = float(given) if isinstance(given, (int, float)) and not isinstance(given, bool) else math.nan
     except OverflowError:
         number = math.inf
     if not 0 < number < math.inf:

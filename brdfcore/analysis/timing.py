@@ -23,8 +23,9 @@ _SLOW = 300.0
 #: Faster by less than this counts as the same: what two runs of one program differ by on a busy machine.
 MARGIN = 1.25
 
+Call = Callable[[], object]
 #: makes the call to time from the number of look-ups of a batch
-Maker = Callable[[int], Callable[[], object]]
+Maker = Callable[[int], Call]
 
 
 @dataclass(frozen=True)
@@ -95,14 +96,14 @@ def time_all(
     return found
 
 
-def _prepared(call: Callable[[], object], alone: Callable[[], object], threads: int) -> tuple[Callable[[], object], int]:
+def _prepared(call: Call, alone: Call, threads: int) -> tuple[Call, int]:
     """The call, warm, and how often to repeat it."""
     _round(call, 1, 1, alone, threads)  # compiles what is compiled
     once = _round(call, 1, 1, alone, threads)
     return call, max(1, int(_LEAST / max(once, 1e-7)))
 
 
-def _round(call: Callable[[], object], repeats: int, count: int, alone: Callable[[], object], threads: int) -> float:
+def _round(call: Call, repeats: int, count: int, alone: Call, threads: int) -> float:
     """Seconds a look-up over `repeats` calls of `count` look-ups."""
     from brdfcore.kernels import launch
 

@@ -98,14 +98,17 @@ def plan(
             words.size(choice.entry.nbytes), f"{choice.entry.ns.best:.3g}", choice.reason,
         ))  # fmt: skip
         best = sorted(choice.alternatives, key=lambda a: not a[0].meets(choice.tolerance))[:2]
-        rows += [("", f"  not {e.label}", words.percent(e.error), words.size(e.nbytes), f"{e.ns.best:.3g}", why) for e, why in best]
+        for e, why in best:
+            numbers = (words.percent(e.error), words.size(e.nbytes), f"{e.ns.best:.3g}")
+            rows.append(("", f"  not {e.label}", *numbers, why))
     widths = [max(len(row[k]) for row in rows) for k in range(5)]
     for k, row in enumerate(rows):
         line("  ".join([*(cell.ljust(w) for cell, w in zip(row, widths)), row[5]]), "bold" if k == 0 else None)
     line()
     count = len(made.scene.materials)
     line(f"{count} materials: {bytes_text(made.nbytes)} and {made.ns:.0f} ns for a look-up of each")
-    line(f"a MERL table each: {count} x {bytes_text(MERL_BYTES)}; this is {words.percent(made.nbytes / made.naive_bytes)} of it")
+    share = words.percent(made.nbytes / made.naive_bytes)
+    line(f"a MERL table each: {count} x {bytes_text(MERL_BYTES)}; this is {share} of it")
     if build is not None:
         worst = max((c.verified["l1"] or 0.0) / c.tolerance for c in made.choices if c.verified)
         line(f"{build}: written and measured again on other directions; the worst error is {worst:.2f} x its tolerance")
@@ -127,9 +130,9 @@ SCENE.json lists materials, how each is seen, and a budget:
 
 error is L1 of each material (default 0.01), bytes that of all tables together, ns the longest time of a look-up on one
 core; light and view are ranges of theta_i and theta_o in degrees ("angles": "rad" switches); lighting is "lamps" or
-"environment"; channels are names or wavelengths. What is left out is not restricted. Files are sought beside SCENE.json.
-Equal materials share one table; only the channels needed are stored; errors are measured over the angles seen; a formula
-is kept where it is small and quick. --build writes NAME.h5, NAME.json and plan.manifest, which `brdf serve --data DIR`
+"environment"; channels are names or wavelengths. What is left out is not restricted. Files are sought beside the scene.
+Equal materials share one table; only the channels needed are stored; errors are measured over the angles seen; a
+formula is kept where it is quick. --build writes NAME.h5, NAME.json and plan.manifest, which `brdf serve --data DIR`
 serves, and measures each file on directions that nothing was chosen by.
 
 \b

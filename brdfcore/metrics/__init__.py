@@ -6,9 +6,10 @@ puts the measures of `estimators` together; `symmetry` holds the defects and fla
 
 from __future__ import annotations
 
-from brdfcore.metrics.comparison import BIAS_ANGLES, WHOLE, Comparison, Range, albedo_bias, compare
+from brdfcore.metrics.comparison import WHOLE, Comparison, Range, albedo_bias, compare
 from brdfcore.metrics.symmetry import (
     ALBEDO_SLACK,
+    BIAS_ANGLES,
     FLAG_DEFECT,
     bilateral_defect,
     measured_flags,

@@ -41,8 +41,9 @@ class Comparison:
 
     l1, l1_stderr
         int |f'-f| c_i c_o / int f c_i c_o, channels summed: the share of the reflected energy that is misplaced, under
-        light from everywhere. Nan if f has no energy, or where a value is not finite. Importance-sampled (E. Veach,
-        "Robust Monte Carlo Methods for Light Transport Simulation", 1997, section 9.2: the balance heuristic's density).
+        light from everywhere. Nan if f has no energy, or where a value is not finite. Importance-sampled with the
+        density of the balance heuristic (E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997,
+        section 9.2).
     rel_l2, rel_l2_stderr
         sqrt(int (f'-f)^2 c_i c_o / int f^2 c_i c_o): dominated by the peak.
     rms_log, rms_log_stderr
@@ -218,7 +219,7 @@ def _skipped(
         listed = ", ".join(f"{np.degrees(t):.4g}" for t in dark)
         said.append(f"no albedo bias at theta_i = {listed} degrees: the reference reflects nothing there")
     if without_log:
-        said.append(f"log rms: {without_log} of {values} values have no logarithm (1 + f cos theta_i <= 0) and are left out")
+        said.append(f"log rms: {without_log} of {values} values are left out: 1 + f cos theta_i has no logarithm")
     if without_ratio:
         said.append(f"log ratios: {without_ratio} of {values} values are negative or not numbers and are left out")
     return said

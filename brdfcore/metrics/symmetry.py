@@ -40,7 +40,7 @@ def symmetry_defects(brdf: Brdf, *, pairs: int = PAIRS, seed: int = 1) -> dict[s
     drawn = mixture(pairs, seed)
     used = drawn.weight > 0
     lobe = (drawn.theta_i[used], drawn.theta_o[used], drawn.delta_phi[used])
-    found = {}
+    found: dict[str, float] = {}
     for name, swapped in (("reciprocity", True), ("bilateral", False)):
         ways = (_defect(brdf, *lobe, drawn.weight[used], swapped), _on_cosine_pairs(brdf, pairs, seed, swapped=swapped))
         worst = max(ways, key=lambda e: e.value if e.value == e.value else np.inf)

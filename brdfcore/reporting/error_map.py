@@ -48,5 +48,6 @@ def error_map(reference: Brdf, candidate: Brdf) -> ErrorMap:
     # beside a matt surface of this albedo: what is much darker than that can't be seen to be wrong
     floor = max(float(np.mean(reference.albedo(0.0) - reference.delta_reflectance(0.0))), 0.0) / np.pi
     count = above.sum(axis=-1) * len(reference.channels)
-    error = np.divide(wrong, there + floor * count, out=np.full(there.shape, np.nan), where=(there > 0) | (floor * count > 0))
+    beside = there + floor * count
+    error = np.divide(wrong, beside, out=np.full(there.shape, np.nan), where=beside > 0)
     return ErrorMap(edges_h, edges_d, error)

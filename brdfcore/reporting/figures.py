@@ -61,12 +61,12 @@ def draw_front(axes: Axes, found: Pareto) -> None:
             continue
         colour = colours[entry.representation]
         marker = MARKERS[list(colours).index(entry.representation) % len(MARKERS)]
-        face = colour if entry.dominated_by is None else "white"
+        face = colour if entry.on_front else "white"
         axes.plot(
             x, y, marker, color=colour, mfc=face, ms=7, ls="none", label=entry.representation if new else None, zorder=3
         )
-    path = [place(e) for e in found.front]
-    axes.plot(*np.array(path).T, color=INK, lw=0.8, alpha=0.5, zorder=2) if len(path) > 1 else None
+    path = np.array([place(e) for e in envelope(found.front)])
+    axes.plot(*path.T, color=INK, lw=0.8, alpha=0.5, zorder=2)
     x, y = place(found.chosen)
     axes.plot(x, y, "o", mfc="none", mec="#CC3311", mew=2, ms=15, zorder=4)
     text = f"{'use this' if found.met else 'closest'}: {found.chosen.label}"
@@ -90,6 +90,15 @@ def draw_front(axes: Axes, found: Pareto) -> None:
         title="filled: nothing else is smaller, faster and more exact; hollow: something is",
         alignment="left",
     )  # fmt: skip
+
+
+def envelope(front: list[Entry]) -> list[Entry]:
+    """Of the front, what has the smallest error up to its size; the rest is on it for its speed."""
+    path: list[Entry] = []
+    for entry in front:
+        if not path or entry.error < path[-1].error:
+            path.append(entry)
+    return path
 
 
 def place(entry: Entry) -> tuple[float, float]:
@@ -116,7 +125,8 @@ def draw_slices(axes: Axes, reference: Brdf, candidate: Brdf, name: str) -> None
         x = np.degrees(data[0].theta_o[k])
         colour = COLOURS[k % len(COLOURS)]
         axes.plot(x, values[0][k], color=colour, lw=3.2, alpha=0.35, label=f"light at {degrees:g}°: reference")
-        axes.plot(np.degrees(data[1].theta_o[k]), values[1][k], color=colour, lw=1.1, label=f"{degrees:g}°: {clean(name, 24)}")
+        label = f"{degrees:g}°: {clean(name, 24)}"
+        axes.plot(np.degrees(data[1].theta_o[k]), values[1][k], color=colour, lw=1.1, label=label)
     low = float(np.nanmin(np.where(away, values[0], np.nan), initial=top))
     axes.set(yscale="log", xlim=(-90, 90), ylim=(max(low / 2, top * 1e-7), top * 3))
     axes.set_xticks(range(-90, 91, 30), [f"{t}°" for t in range(-90, 91, 30)])
@@ -173,8 +183,9 @@ def draw_spheres(axes: list[Axes], found: Appearance) -> None:
     else:
         pictures.append(("FLIP: flip-evaluator is not installed", np.zeros(found.reference.shape[:2])))
     for one, (text, picture) in zip(axes, pictures):
-        options = {"cmap": "magma", "vmin": 0.0, "vmax": 0.3} if picture.ndim == 2 else {}
-        mesh = one.imshow(picture, interpolation="nearest", **options)
+        mesh = one.imshow(
+            picture, interpolation="nearest", cmap="magma", vmin=0.0, vmax=0.3
+        )  # colours stay as they are
         one.set_title(text, fontsize=9.5)
         one.set_axis_off()
         if picture.ndim == 2:
@@ -188,8 +199,10 @@ def sheet(
     """One row a material: the front, and what the chosen one looks like."""
     with drawing():
         figure = Figure(figsize=(14.4, 8.2 * len(rows)), dpi=DPI, facecolor="white", layout="constrained")
-        for part, (found, look, where, candidate, name) in zip(np.atleast_1d(figure.subfigures(len(rows), 1)), rows):
-            part.suptitle(clean(f"{found.material}: {words.advice(found)}", 170), fontsize=12, weight="bold", parse_math=False)
+        parts: Any = figure.subfigures(len(rows), 1, squeeze=False)
+        for part, (found, look, where, candidate, name) in zip(parts[:, 0], rows):
+            text = clean(f"{found.material}: {words.advice(found)}", 170)
+            part.suptitle(text, fontsize=12, weight="bold", parse_math=False)
             left, right = part.subfigures(1, 2)
             draw_front(left.add_subplot(), found)
             above, middle, below = right.subfigures(3, 1, height_ratios=(1.1, 0.9, 0.9))
@@ -197,5 +210,3 @@ def sheet(
             draw_errors(middle.add_subplot(), where)
             draw_spheres(list(below.subplots(1, 3)), look)
     return figure
-
-

@@ -21,17 +21,19 @@ def markdown(report: Report) -> str:
         lines = [f"### {_cell(found.material)}", "", f"**{_cell(words.advice(found))}**", ""]
         lines += [f"- {_cell(text)}" for text in words.alternatives(found)]
         if item.verified is not None and item.verified["l1"] is not None:
-            lines.append(f"- The table, read again and measured on other directions: {words.percent(item.verified['l1'])}.")
+            again = words.percent(item.verified["l1"])
+            lines.append(f"- The table, read again and measured on other directions: {again}.")
         if item.look.mean is not None:
-            lines.append(f"- Lit sphere, {_cell(item.shown_name)} against the reference: mean FLIP {item.look.mean:.2g}.")
+            name = _cell(item.shown_name)
+            lines.append(f"- Lit sphere, {name} against the reference: mean FLIP {item.look.mean:.2g}.")
         lines += ["", *table(found), ""]
         lines += [f"- left out: {_cell(text)}" for text in found.left_out]
         parts.append("\n".join(lines).rstrip())
     first = report.items[0].found
     stated = ", ".join(f"{k} {v}" for k, v in first.versions.items())
     parts.append(
-        f"ns: a million float32 look-ups in one call, on one thread, the fastest of the interleaved rounds; {first.machine}; "
-        f"{stated}." + (f" Made by `{report.command}`." if report.command else "")
+        "ns: a million float32 look-ups in one call, on one thread, the fastest of the interleaved rounds; "
+        f"{first.machine}; {stated}." + (f" Made by `{report.command}`." if report.command else "")
     )
     return "\n\n".join(parts) + "\n"
 

@@ -66,8 +66,10 @@
       node("text", { x: (L + W - R) / 2, y: H - 10, "text-anchor": "middle" }, svg, key === "ns"
         ? "time of one look-up, of a million at once on one core (further left is better)" : "memory of the table (further left is better)");
       node("text", { x: 0, y: 0, transform: `translate(16 ${(T + H - B) / 2}) rotate(-90)`, "text-anchor": "middle" }, svg, "error: energy misplaced (lower is better)");
-      const path = data.entries.filter(e => e.on_front).sort((a, b) => a[key] - b[key]);
-      if (key === "nbytes") node("polyline", { points: path.map(e => `${X(e[key])},${Y(e.error)}`).join(" "), fill: "none", stroke: "#888" }, svg);
+      const path = [];
+      for (const e of data.entries.filter(e => e.on_front).sort((a, b) => a[key] - b[key] || a.error - b.error))
+        if (!path.length || e.error < path[path.length - 1].error) path.push(e);
+      node("polyline", { points: path.map(e => `${X(e[key])},${Y(e.error)}`).join(" "), fill: "none", stroke: "#888" }, svg);
       for (const e of all) {
         const x = X(e[key]), y = Y(e.error);
         if (key === "ns" && e.kind !== "peer") node("line", { x1: x, x2: X(Math.min(e.ns_median, 10 ** hi)), y1: y, y2: y, stroke: looks[e.representation].colour, "stroke-width": 1.5, opacity: .5 }, svg);

@@ -64,23 +64,24 @@ def _contents(report: Report) -> str:
 def _section(k: int, item: Item) -> str:
     found, chosen = item.found, item.found.chosen
     several = "".join(f"<li>{escape(text)}</li>" for text in words.alternatives(found))
-    shown = "" if item.shown is chosen.brdf else (
-        f"<p class='faint'>The formula gives the reference itself, so the pictures show the table {escape(item.shown_name)}.</p>"
-    )
+    shown = ""
+    if item.shown is not chosen.brdf:
+        text = f"The formula gives the reference itself, so the pictures show the table {item.shown_name}."
+        shown = f"<p class='faint'>{escape(text)}</p>"
     numbers = (
         (words.percent(chosen.error), "of the reflected energy is misplaced (L1)"),
         (words.size(chosen.nbytes), "in memory"),
-        (words.nanoseconds(chosen.ns.best), f"a look-up, one core; {words.nanoseconds(chosen.timings['1'].best)} alone"),
+        (words.nanoseconds(chosen.ns.best), f"a look-up of many on one core; {_alone(chosen)} for a single one"),
     )
     boxes = "".join(f"<div><b>{escape(a)}</b><span>{escape(b)}</span></div>" for a, b in numbers)
     pictures = (
-        (figures.spheres(item.look), f"lit spheres of the reference and of {item.shown_name}, and their FLIP difference"),
+        (figures.spheres(item.look), f"lit spheres of the reference and of {item.shown_name}, and their difference"),
         (figures.slices(found.source, item.shown, item.shown_name), "slices in the plane of incidence"),
         (figures.errors(item.where), "error over half and difference angle"),
     )
     return f"""<section class="material" id="m{k}">
 <h2>{escape(found.material)}</h2>
-<p class="answer{'' if found.met else ' no'}">{escape(words.advice(found))}</p>
+<p class="answer{"" if found.met else " no"}">{escape(words.advice(found))}</p>
 <div class="numbers">{boxes}</div>
 <ul>{several}</ul>
 <pre>{escape(_code(item))}</pre>
@@ -89,11 +90,11 @@ def _section(k: int, item: Item) -> str:
 <div class="switch">across: <button data-key="nbytes" aria-pressed="true">memory</button>
 <button data-key="ns" aria-pressed="false">time</button></div>
 <div class="plot"></div>
-<noscript><p>{_image(figures.front(found), 'error against bytes')}</p></noscript>
+<noscript><p>{_image(figures.front(found), "error against bytes")}</p></noscript>
 <script type="application/json">{_data(found)}</script>
 <h3>What it looks like</h3>
 {shown}
-<div class="pictures">{''.join(_image(figure, text) for figure, text in pictures)}</div>
+<div class="pictures">{"".join(_image(figure, text) for figure, text in pictures)}</div>
 <h3>Everything that was tried</h3>
 <div class="wide">{_table(found)}</div>
 {_left_out(found)}
@@ -114,9 +115,14 @@ def _code(item: Item) -> str:
     elif item.table_path is not None:
         lines.append(f"b = bc.open_table({str(item.table_path)!r})")
     else:
-        lines.append(f"b = bc.tabulate(bc.read({item.subject.source!r}), {chosen.representation!r}, max_bytes={chosen.nbytes})")
+        source = f"bc.read({item.subject.source!r})"
+        lines.append(f"b = bc.tabulate({source}, {chosen.representation!r}, max_bytes={chosen.nbytes})")
     lines.append("b.evaluate(theta_i, theta_o, delta_phi)  # radians; f_r in 1/sr, without the cosine")
     return "\n".join(lines)
+
+
+def _alone(entry: Entry) -> str:
+    return words.nanoseconds(entry.timings["1"].best)
 
 
 def _literal(value: Any) -> str:
@@ -148,7 +154,8 @@ def _data(found: Pareto) -> str:
     for k, entry in enumerate(found.entries):
         told = entry.to_json(found.tolerance)
         entries.append({
-            **{key: told[key] for key in keys}, "k": k, "words": words.figures(entry), "verdict": words.verdict(entry, found),
+            **{key: told[key] for key in keys},
+            "k": k, "words": words.figures(entry), "verdict": words.verdict(entry, found),
         })  # fmt: skip
     data = {
         "entries": entries, "looks": looks, "chosen": found.entries.index(found.chosen), "met": found.met,
@@ -170,14 +177,18 @@ def _table(found: Pareto) -> str:
 
 def _row(k: int, entry: Entry, found: Pareto, threads: list[str]) -> str:
     measured = entry.comparison
-    spread = f" <small>± {words.percent(measured.l1_stderr)}</small>" if measured.l1_stderr > words.NEXT_TO_NOTHING else ""
+    spread = ""
+    if measured.l1_stderr > words.NEXT_TO_NOTHING:
+        spread = f" <small>± {words.percent(measured.l1_stderr)}</small>"
     right = ' class="right"' if entry.meets(found.tolerance) else ""
     p99 = measured.log_ratio["p99"]
-    kind = "chosen" if entry is found.chosen else "peer" if entry.kind == "peer" else "beaten" if entry.dominated_by else ""
+    kind = "peer" if entry.kind == "peer" else "" if entry.on_front else "beaten"
+    kind = "chosen" if entry is found.chosen else kind
+    verdict = words.verdict(entry, found)
     times = [words.nanoseconds(entry.timings[b].best) if b in entry.timings else "" for b in ("1000", "1", *threads)]
     cells = [
         f"<td>{escape(entry.label)}</td>",
-        f'<td title="{escape(words.verdict(entry, found))}">{escape(words.verdict(entry, found).partition(" by ")[0])}</td>',
+        f'<td title="{escape(verdict)}">{escape(verdict.partition(" by ")[0])}</td>',
         f"<td{right}>{words.percent(entry.error)}{spread}</td>",
         f"<td>{_factor(p99)}</td>",
         f"<td>{_bias(entry)}</td>",
@@ -219,7 +230,8 @@ def _left_out(found: Pareto) -> str:
 
 def _method(report: Report) -> str:
     first = report.items[0].found
-    command = report.command or shlex.join(["brdf", "report", *(i.subject.source for i in report.items), "-o", "report.html"])
+    sources = [i.subject.source or i.subject.label for i in report.items]
+    command = report.command or shlex.join(["brdf", "report", *sources, "-o", "report.html"])
     stated = ", ".join(f"{escape(k)} {escape(v)}" for k, v in first.versions.items())
     directions, seed = first.chosen.comparison.directions, first.chosen.comparison.seed
     return f"""<h2>How this was measured</h2>
@@ -227,7 +239,8 @@ def _method(report: Report) -> str:
 ∫|f′−f| cosθᵢ cosθₒ / ∫f cosθᵢ cosθₒ, against the material as given, on {directions:,} random pairs of directions
 (seed {seed}), none a node of a table. ± is one standard error. <b>p99 off by</b>: 99 % of the values are within it.</p>
 <p><b>Time</b>: float32 angles, a million look-ups in one call on one core; all candidates in turn, round after round,
-so that drift hits all alike. The fastest round is quoted, then the median. Less than a quarter's difference is none.</p>
+so that drift hits all alike. The fastest round is quoted, then the median. Differences below a quarter count as
+none.</p>
 <p><b>Front</b>: what no other is no larger than, no less exact than, and not distinctly slower than.
 <b>Chosen</b>: the fastest within the tolerance; of equally fast ones the smallest.</p>
 <p><b>Machine</b>: {escape(first.machine)}, {first.threads} threads. <b>Versions</b>: {stated}.</p>

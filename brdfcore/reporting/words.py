@@ -99,4 +99,4 @@ def verdict(entry: Entry, found: Pareto) -> str:
         return "another library"
     if entry.dominated_by is not None:
         return f"beaten by {entry.dominated_by}"
-    return "on the front"
+    return "on the front" if entry.on_front else "too wrong to use"

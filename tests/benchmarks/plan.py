@@ -1,4 +1,4 @@
-"""A scene of twenty materials of all kinds, planned, built and measured: `python -m tests.benchmarks.plan [--keep DIR]`.
+"""A scene of twenty materials of all kinds, planned, built and measured: `python -m tests.benchmarks.plan`.
 
 Formulas matt to sharp, measured files where ../shared is present, equal materials, narrow angles, single channels, an
 environment. Every built file is read again and measured over the angles it is seen in, on directions and by a sum
@@ -92,8 +92,9 @@ def main() -> None:
             l1, spread = remeasured({**told, "source": choice.source}, folder, 99)
             worst = max(worst, l1 / choice.tolerance)
             print(
-                f"{', '.join(choice.names):28} {choice.entry.label:42} {choice.entry.nbytes:9} {choice.entry.ns.best:6.1f} "
-                f"{choice.entry.comparison.l1:9.2e} {l1:9.2e} +- {spread:8.1e}  {choice.reason}"
+                f"{', '.join(choice.names):28} {choice.entry.label:42} {choice.entry.nbytes:9} "
+                f"{choice.entry.ns.best:6.1f} {choice.entry.comparison.l1:9.2e} {l1:9.2e} +- {spread:8.1e}  "
+                f"{choice.reason}"
             )
         total = manifest["total"]
         print(f"{total['materials']} materials, {total['bytes']} bytes, {total['ns']:.0f} ns for one look-up of each")

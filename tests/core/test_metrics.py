@@ -10,8 +10,8 @@ from scipy.integrate import dblquad
 
 import brdfcore as bc
 from brdfcore import metrics
-from brdfcore.metrics import comparison
 from brdfcore.directions import mixture
+from brdfcore.metrics import comparison
 from tests.core.sources import Constant, Multilinear, Skewed
 
 
