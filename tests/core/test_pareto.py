@@ -1,0 +1,176 @@
+"""The front of a material: what is on it, what is chosen, and that it is built and measured as said."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import brdfcore as bc
+from brdfcore.analysis.pareto import USELESS, Entry, Pareto, choose, mark_dominated
+from brdfcore.analysis.timing import Timing, time_all
+from brdfcore.kernels import launch
+from brdfcore.registry import REPRESENTATIONS
+from tests import shared
+from tests.core.sources import Constant, Skewed
+
+FEW: dict[str, Any] = {"sizes": (8_000, 32_000), "rounds": 3, "directions": 20_000}
+
+
+@pytest.fixture(scope="module")
+def gold() -> Pareto:
+    return bc.pareto(bc.model("cook_torrance", roughness=0.2, ior="gold"), material="gold", tolerance=0.02, **FEW)
+
+
+def entry(name: str, nbytes: int, error: float, ns: float, kind: Any = "table") -> Entry:
+    """One with given numbers; rounds that differ by a tenth."""
+    l1 = bc.compare(Constant(1.0), (1 + error) * Constant(1.0), directions=10)
+    made = Entry(name, "", kind, nbytes, 0.0, l1)
+    made.timings = {"1000000": Timing((ns, 1.1 * ns, 1.05 * ns))}
+    return made
+
+
+def test_every_representation_that_can_hold_it_takes_part(gold: Pareto) -> None:
+    names = {e.representation for e in gold.entries}
+    can = {n for n in bc.representations() if REPRESENTATIONS.load(n).can_hold(gold.source)}
+    left = {n for n in can if any(text.startswith(n) for text in gold.left_out)}
+    assert can - left <= names
+    assert {"angle_grid", "half_difference"} <= names
+    assert {e.variant for e in gold.entries if e.representation == "cook_torrance"} == {"exact", "fast"}
+
+
+def test_numbers_are_those_of_the_tables(gold: Pareto) -> None:
+    for e in gold.entries:
+        assert e.brdf is not None
+        again = bc.compare(gold.source, e.brdf, directions=20_000)
+        assert again.l1 == e.comparison.l1
+        assert e.nbytes == (e.brdf.nbytes if isinstance(e.brdf, bc.Table) else 0)
+        assert {"1", "1000", "1000000"} <= set(e.timings)
+        assert e.nbytes <= 32_000 or e.usual or e.representation not in ("angle_grid", "half_difference")
+    exact = next(e for e in gold.entries if e.variant == "exact")
+    assert (exact.error, exact.nbytes) == (0.0, 0)
+    assert [e.nbytes for e in gold.entries] == sorted(e.nbytes for e in gold.entries)
+
+
+def test_what_is_chosen_does_what_was_asked(gold: Pareto) -> None:
+    assert gold.met
+    assert gold.chosen in gold.front
+    assert gold.chosen.error <= 0.02
+    assert gold.table is not None
+    assert gold.table.kind == "table"
+    told = json.loads(json.dumps(gold.to_json(), allow_nan=False))
+    assert {"material", "tolerance", "machine", "front", "chosen"} <= set(told)
+    assert {"representation", "nbytes", "l1", "ns"} <= set(told["front"][0])
+    assert told["chosen"]["label"] in [e["label"] for e in told["front"]]
+
+
+def test_domination() -> None:
+    fast = entry("fast", 1000, 0.01, 5.0)
+    listed = [
+        fast,
+        entry("larger", 2000, 0.01, 5.0),
+        entry("hardly-faster", 2000, 0.02, 4.5),  # within the margin: no reason to take it
+        entry("much-faster", 2000, 0.02, 2.0),
+        entry("better", 4000, 0.001, 50.0),
+        entry("smaller", 100, 0.2, 5.0),
+        entry("useless", 50, 0.9, 1.0),
+        entry("peer", 10, 0.0, 0.1, "peer"),
+    ]
+    mark_dominated(listed)
+    beaten = {e.label: e.dominated_by for e in listed}
+    assert beaten["larger"] == beaten["hardly-faster"] == "fast"
+    assert [e.label for e in listed if e.on_front] == ["fast", "much-faster", "better", "smaller"]
+    assert listed[-2].error > USELESS
+
+
+def test_equals_leave_one_on_the_front() -> None:
+    twins = [entry("a", 1000, 0.01, 5.0), entry("b", 1000, 0.01, 5.0)]
+    mark_dominated(twins)
+    assert [e.dominated_by for e in twins] == [None, "a"]
+
+
+def test_choice() -> None:
+    listed = [
+        entry("small", 1000, 0.009, 9.0),
+        entry("quick", 9000, 0.008, 3.0),
+        entry("as-quick", 5000, 0.008, 3.3),
+        entry("exact", 50_000, 0.0, 20.0),
+    ]
+    assert choose(listed, 0.01, None).label == "as-quick"  # of equally fast ones the smallest
+    assert choose(listed, 0.01, 2000).label == "small"
+    assert choose(listed, 1e-6, None).label == "exact"
+    assert choose(listed, 0.01, None, smallest_error=True).label == "exact"
+    assert choose(listed, 0.001, 10_000).error == pytest.approx(0.008)  # nothing is right enough: the closest
+    assert choose(listed, 0.01, 10).label == "small"  # nothing fits: the smallest
+
+
+def test_a_tolerance_has_to_be_met_beyond_chance() -> None:
+    loose = entry("loose", 1000, 0.0099, 5.0)
+    assert loose.meets(0.01)
+    object.__setattr__(loose.comparison, "l1_stderr", 0.002)
+    assert not loose.meets(0.01)
+
+
+def test_the_mirror_part_counts() -> None:
+    found = bc.pareto(bc.model("mirror", ior="silver"), sizes=(8_000,), rounds=2, directions=2_000)
+    assert found.chosen.error == 0.0
+    assert found.chosen.kind == "model"
+    assert all(e.comparison.l1 != e.comparison.l1 for e in found.entries)
+    json.dumps(found.to_json(), allow_nan=False)
+
+
+def test_a_material_without_any_symmetry() -> None:
+    found = bc.pareto(Skewed(), sizes=(64_000,), rounds=2, directions=5_000, representations=("angle_grid",))
+    assert [e.representation for e in found.entries] == ["angle_grid"]
+    assert found.chosen is found.entries[0]
+
+
+def test_time_runs_out() -> None:
+    found = bc.pareto(bc.model("lambert"), sizes=(8_000, 16_000), rounds=2, directions=2_000, seconds=1e-6)
+    assert found.chosen.representation == "lambert"
+    assert any("the time was up" in text for text in found.left_out)
+
+
+@pytest.mark.parametrize("name", ["tolerance", "max_bytes", "seconds"])
+@pytest.mark.parametrize("value", [0, -1.0, float("nan"), "5"])
+def test_options_that_cannot_be(name: str, value: Any) -> None:
+    with pytest.raises(bc.InputError) as caught:
+        bc.pareto(bc.model("lambert"), **{name: value})
+    assert caught.value.context["where"] == name
+
+
+def test_peers_stand_beside() -> None:
+    found = bc.pareto(
+        bc.model("lambert"), sizes=(8_000,), rounds=2, directions=2_000, representations=("angle_grid",), peers=True
+    )
+    peers = [e for e in found.entries if e.kind == "peer"]
+    assert "scipy RegularGridInterpolator" in {e.representation for e in peers}
+    assert not any(e.on_front for e in peers)
+    assert found.chosen.kind != "peer"
+
+
+def test_one_thread_means_one_thread() -> None:
+    before = launch.threads()
+    with launch.one_thread():
+        assert launch.threads() == 1
+    assert launch.threads() == before
+
+
+def test_timing_orders_what_differs() -> None:
+    """A thousand times the work is told apart, whatever else the machine does."""
+    short, long = (lambda n: (lambda: sum(range(100)))), (lambda n: (lambda: sum(range(100_000))))
+    found = time_all({"short": short, "long": long}, rounds=3)
+    for key in found["short"]:
+        assert found["short"][key].faster_than(found["long"][key])
+        assert not found["long"][key].faster_than(found["short"][key])
+
+
+@shared.needs_shared
+def test_a_measured_file_is_its_own_table() -> None:
+    path = Path(shared.rgl_path("paper_white"))
+    found = bc.pareto(bc.read(path), sizes=(32_000,), rounds=2, directions=5_000)
+    own = [e for e in found.entries if e.representation == "vndf_warp"]
+    assert len(own) == 1
+    assert (own[0].error, own[0].nbytes) == (0.0, bc.read(path).nbytes)  # type: ignore[attr-defined]
