@@ -30,7 +30,7 @@ SLOWEST = 4.0
 HARMONICS_WITHIN = 64_000
 #: Draws within the angles seen that errors are measured on, and most draws made to have them.
 DIRECTIONS, _MOST_DRAWN = 60_000, 2_000_000
-_ROUNDS = 7
+_ROUNDS = 9
 
 
 @dataclass

@@ -15,8 +15,9 @@ import numpy as np
 #: Look-ups of one call.
 BATCHES = (1, 1_000, 1_000_000)
 ROUNDS = 15
-#: What each candidate runs for in a round, at least, seconds: a hundred thousand times the clock's resolution.
-_LEAST = 0.004
+#: What each candidate runs for in a round, at least, and each part of it that the clock is read for, seconds. Short
+#: enough that on a busy machine some parts are not interrupted, and ten thousand times the clock's resolution.
+_LEAST, _PART = 0.004, 0.0005
 #: A candidate whose look-ups take longer than this, ns, is timed on a tenth of the largest batch; the time a look-up
 #: does not depend on that.
 _SLOW = 300.0
@@ -30,7 +31,7 @@ Maker = Callable[[int], Call]
 
 @dataclass(frozen=True)
 class Timing:
-    """ns a look-up of every round."""
+    """ns a look-up of every round, each the best of its parts."""
 
     rounds: tuple[float, ...]
 
@@ -104,14 +105,18 @@ def _prepared(call: Call, alone: Call, threads: int) -> tuple[Call, int]:
 
 
 def _round(call: Call, repeats: int, count: int, alone: Call, threads: int) -> float:
-    """Seconds a look-up over `repeats` calls of `count` look-ups."""
+    """Seconds a look-up, the best part of `repeats` calls of `count` look-ups."""
     from brdfcore.kernels import launch
 
     with launch.one_thread() if threads == 1 else nullcontext(), alone():  # type: ignore[attr-defined]
-        start = time.perf_counter()
-        for _ in range(repeats):
-            call()
-        return (time.perf_counter() - start) / (repeats * count)
+        together = max(1, round(repeats * _PART / _LEAST))
+        best = float("inf")
+        for _ in range(-(-repeats // together)):
+            start = time.perf_counter()
+            for _ in range(together):
+                call()
+            best = min(best, (time.perf_counter() - start) / (together * count))
+        return best
 
 
 def machine() -> str:

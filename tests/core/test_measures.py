@@ -30,7 +30,7 @@ class Rising(Constant):
 
 
 def over_light(g: Any, low: float = 0.0) -> float:
-    """int g(c) c dc / int c dc over c = cos theta_i in [low, 1]: what an integral over pairs is if g depends on c only."""
+    """int g(c) c dc / int c dc over c = cos theta_i in [low, 1]: a mean over pairs, if g depends on c only."""
     return float(quad(lambda c: g(c) * c, low, 1)[0] / quad(lambda c: c, low, 1)[0])
 
 

@@ -160,7 +160,7 @@ def test_one_thread_means_one_thread() -> None:
 
 def test_timing_orders_what_differs() -> None:
     """A thousand times the work is told apart, whatever else the machine does."""
-    short, long = (lambda n: (lambda: sum(range(100)))), (lambda n: (lambda: sum(range(100_000))))
+    short, long = (lambda n: lambda: sum(range(100))), (lambda n: lambda: sum(range(100_000)))
     found = time_all({"short": short, "long": long}, rounds=3)
     for key in found["short"]:
         assert found["short"][key].faster_than(found["long"][key])
