@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from brdfcore.analysis.pareto import Entry, Pareto, is_formula, pareto
+from brdfcore.analysis.entries import Entry
+from brdfcore.analysis.pareto import Pareto, is_formula, pareto
 from brdfcore.analysis.scene import Scene, SceneMaterial, Selected, read_scene
 from brdfcore.analysis.timing import machine, versions
 from brdfcore.brdf import Brdf

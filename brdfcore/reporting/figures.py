@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from brdfcore.analysis.pareto import Entry, Pareto
+from brdfcore.analysis.entries import Entry
+from brdfcore.analysis.pareto import Pareto
 from brdfcore.brdf import Brdf
 from brdfcore.plot.rendering import drawing
 from brdfcore.plot.slices import slice as slice_of

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from brdfcore.analysis.pareto import Entry, Pareto
+from brdfcore.analysis.entries import Entry
+from brdfcore.analysis.pareto import Pareto
 from brdfcore.reporting import words
 
 if TYPE_CHECKING:

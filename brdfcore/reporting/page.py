@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brdfcore.analysis.pareto import Entry, Pareto
+from brdfcore.analysis.entries import Entry
+from brdfcore.analysis.pareto import Pareto
 from brdfcore.models.base import Model
 from brdfcore.plot.rendering import render
 from brdfcore.reporting import figures, words
@@ -96,7 +97,7 @@ def _section(k: int, item: Item) -> str:
 {shown}
 <div class="pictures">{"".join(_image(figure, text) for figure, text in pictures)}</div>
 <h3>Everything that was tried</h3>
-<div class="wide">{_table(found)}</div>
+{_table(found)}
 {_left_out(found)}
 </section>"""
 
@@ -171,8 +172,15 @@ def _table(found: Pareto) -> str:
         "ns a look-up <small>best – median</small>", "1 000 at a time", "1 at a time",
         *(f"{label.partition('x')[2]} cores" for label in threads), "build",
     ]  # fmt: skip
-    rows = "".join(_row(k, e, found, threads) for k, e in enumerate(found.entries))
-    return f"<table><thead><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr></thead><tbody>{rows}</tbody></table>"
+    head = f"<thead><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr></thead>"
+    shown = [e.on_front or e.kind == "peer" or e.usual or e is found.chosen for e in found.entries]
+    parts = []
+    for wanted in (True, False):
+        some = [_row(k, e, found, threads) for k, e in enumerate(found.entries) if shown[k] is wanted]
+        table = f"<div class='wide'><table>{head}<tbody>{''.join(some)}</tbody></table></div>"
+        text = f"<details><summary>Beaten by one of these, or too wrong to use ({len(some)})</summary>{table}</details>"
+        parts.append((table if wanted else text) if some else "")
+    return "".join(parts)
 
 
 def _row(k: int, entry: Entry, found: Pareto, threads: list[str]) -> str:

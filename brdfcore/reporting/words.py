@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from brdfcore.analysis.pareto import Entry, Pareto
+from brdfcore.analysis.entries import Entry
+from brdfcore.analysis.pareto import Pareto
 
 #: Below this an error is called exact to float32's precision rather than quoted.
 NEXT_TO_NOTHING = 1e-6

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 import brdfcore as bc
-from brdfcore.analysis.pareto import USELESS, Entry, Pareto, choose, mark_dominated
+from brdfcore.analysis.entries import USELESS, Entry, choose, mark_dominated
+from brdfcore.analysis.pareto import Pareto
 from brdfcore.analysis.timing import Timing, time_all
 from brdfcore.kernels import launch
 from brdfcore.registry import REPRESENTATIONS
