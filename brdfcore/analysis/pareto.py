@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from brdfcore.analysis.entries import Entry, choose, mark_dominated
-from brdfcore.analysis.tabulating import Tabulating
+from brdfcore.analysis.tabulating import Tabulating, variant_of
 from brdfcore.analysis.timing import ROUNDS, Maker, machine, time_all, versions
 from brdfcore.brdf import Brdf, Scaled, Sum
 from brdfcore.build import DEFAULT_TOLERANCE, positive
