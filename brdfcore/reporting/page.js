@@ -57,7 +57,7 @@
       for (let k = lo; k <= hi; k++) {
         const x = X(10 ** k);
         node("line", { x1: x, x2: x, y1: T, y2: H - B, stroke: "#ddd" }, svg);
-        node("text", { x: x, y: H - B + 18, "text-anchor": k === hi ? "end" : "middle" }, svg, power(k, key));
+        if (!none || k > lo) node("text", { x: x, y: H - B + 18, "text-anchor": k === hi ? "end" : "middle" }, svg, power(k, key));
       }
       if (none) node("text", { x: L + 40, y: H - B + 18, "text-anchor": "middle" }, svg, BANDS.nbytes);
       node("line", { x1: L, x2: W - R, y1: H - B, y2: H - B, stroke: "#222" }, svg);

@@ -129,7 +129,7 @@ def _alone(entry: Entry) -> str:
 def _literal(value: Any) -> str:
     if isinstance(value, dict) and set(value) == {"n", "k"}:
         return repr((value["n"], value["k"]))
-    return repr(value)
+    return json.dumps(value) if isinstance(value, str) else repr(value)
 
 
 def _checked(item: Item) -> str:

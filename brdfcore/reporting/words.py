@@ -88,7 +88,7 @@ def alternatives(found: Pareto) -> list[str]:
         said.append(f"If the error has to be smaller: {title(best)}, {figures(best)}.")
     usual = next((e for e in found.entries if e.usual), None)
     if usual is not None and chosen is not usual:
-        said.append(f"The usual practice, {title(usual)}, has {figures(usual)}.")
+        said.append(f"{title(usual)[:1].upper()}{title(usual)[1:]}, has {figures(usual)}.")
     return said
 
 
