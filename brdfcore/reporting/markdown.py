@@ -16,7 +16,7 @@ HEAD = ("representation", "error (L1)", "bytes", "ns a look-up", "1 at a time", 
 
 def markdown(report: Report) -> str:
     """The whole report."""
-    parts = []
+    parts = ["\n".join(summary(report))] if len(report.items) > 1 else []
     for item in report.items:
         found = item.found
         lines = [f"### {_cell(found.material)}", "", f"**{_cell(words.advice(found))}**", ""]
@@ -30,13 +30,39 @@ def markdown(report: Report) -> str:
         lines += ["", *table(found), ""]
         lines += [f"- left out: {_cell(text)}" for text in found.left_out]
         parts.append("\n".join(lines).rstrip())
+    parts.append(measured_on(report))
+    return "\n\n".join(parts) + "\n"
+
+
+def summary(report: Report) -> list[str]:
+    """Lines of one table for all materials: what to use, and beside it the best table and the usual practice."""
+    head = ("material", "use", "error (L1)", "bytes", "ns a look-up", "best table", "usual practice")
+    lines = ["| " + " | ".join(head) + " |", "|---|---|---:|---:|---:|---|---|"]
+    for item in report.items:
+        found, chosen = item.found, item.found.chosen
+        usual = next((e for e in found.entries if e.usual), None)
+        best = found.table if found.table is not chosen else None
+        cells = [
+            _cell(found.material),
+            _cell(chosen.label) + ("" if found.met else " (not right enough)"),
+            words.percent(chosen.error),
+            words.size(chosen.nbytes),
+            f"{chosen.ns.best:.2g}",
+            "the same" if best is None else _cell(f"{best.label}: {words.figures(best)}"),
+            "" if usual is None else words.figures(usual),
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def measured_on(report: Report) -> str:
+    """What the numbers mean and where they come from, in a sentence."""
     first = report.items[0].found
     stated = ", ".join(f"{k} {v}" for k, v in first.versions.items())
-    parts.append(
+    return (
         "ns: a million float32 look-ups in one call, on one thread, the fastest of the interleaved rounds; "
         f"{first.machine}; {stated}." + (f" Made by `{report.command}`." if report.command else "")
     )
-    return "\n\n".join(parts) + "\n"
 
 
 def table(found: Pareto) -> list[str]:

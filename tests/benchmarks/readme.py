@@ -19,6 +19,7 @@ TABLES = {
         True,
     ),
     "accuracy": (["accuracy", "--markdown"], True),
+    "report": (["report"], True),
     "tables": (["tables", "measured", "analytic", "speed"], False),
     "lookup": (["lookup"], False),
 }
