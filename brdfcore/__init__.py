@@ -51,9 +51,9 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore import plot as plot
     from brdfcore.analysis.checks import check as check
     from brdfcore.analysis.gloss import gloss as gloss
-    from brdfcore.analysis.repair import repair as repair
     from brdfcore.analysis.pareto import pareto as pareto
     from brdfcore.analysis.plan import plan as plan
+    from brdfcore.analysis.repair import repair as repair
     from brdfcore.brdf import Brdf as Brdf
     from brdfcore.brdf import Channels as Channels
     from brdfcore.build import tabulate as tabulate

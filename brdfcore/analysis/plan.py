@@ -133,6 +133,7 @@ def plan(
     *,
     sizes: Sequence[int] = SIZES,
     directions: int = DIRECTIONS,
+    representations: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Plan:
     """The smallest set of representations that is right enough for a scene (`analysis.scene` describes its JSON).
@@ -143,7 +144,7 @@ def plan(
     formula is not tabulated unless that makes it at least `SLOWEST` times faster. Nothing is written: see
     `analysis.plan_build.build`.
 
-    Raises what `read_scene` raises.
+    sizes, directions, representations are those of `pareto`. Raises what `read_scene` raises.
     """
     found = scene if isinstance(scene, Scene) else read_scene(scene)
     groups: dict[str, list[SceneMaterial]] = {}
@@ -152,12 +153,18 @@ def plan(
     choices = []
     for k, group in enumerate(groups.values()):
         told = _told(progress, group[0].name, k, len(groups))
-        choices.append(_choice(group, found, sizes, directions, told))
+        choices.append(_choice(group, found, told, sizes=sizes, directions=directions, representations=representations))
     return Plan(found, choices)
 
 
 def _choice(
-    group: list[SceneMaterial], scene: Scene, sizes: Sequence[int], directions: int, progress: Progress | None
+    group: list[SceneMaterial],
+    scene: Scene,
+    progress: Progress | None,
+    *,
+    sizes: Sequence[int],
+    directions: int,
+    representations: Sequence[str] | None,
 ) -> Choice:
     first = group[0]
     light, view = (_span(ranges) for ranges in zip(*((m.light, m.view) for m in group)))
@@ -170,7 +177,7 @@ def _choice(
     drawn = _enough(directions, light, view)
     found = pareto(
         source, material=first.name, tolerance=tolerance, sizes=sizes, directions=drawn, rounds=_ROUNDS, seconds=60.0,
-        light=light, view=view, refine=False, progress=progress,
+        light=light, view=view, refine=False, representations=representations, progress=progress,
     )  # fmt: skip
     if not whole:
         _with_formula(found, first.brdf, drawn, light, view)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf, Channels
+from brdfcore.brdf import ALBEDO_TOLERANCE, DATA_ALBEDO_TOLERANCE, Brdf, Channels
 from brdfcore.conventions import FloatArray
 from brdfcore.directions import mixture
 from brdfcore.errors import InputError
@@ -253,7 +253,7 @@ def albedo_bias(reference: Brdf, candidate: Brdf) -> dict[str, list[float]]:
 
 def _regular_albedo(b: Brdf, theta: Float64Array) -> tuple[FloatArray, FloatArray]:
     """Albedo without the delta part at the precision of `Brdf.albedo`, and the estimated error."""
-    albedo, error = b.albedo_error(theta) if b._analytic else b.albedo_error(theta, budget=0)
+    albedo, error = b.albedo_error(theta, tolerance=ALBEDO_TOLERANCE if b._analytic else DATA_ALBEDO_TOLERANCE)
     return albedo - b.delta_reflectance(theta), error
 
 

@@ -17,7 +17,11 @@ from tests.core.conftest import Run
 from tests.core.sources import Skewed
 from tests.core.test_pareto import entry
 
-FEW: dict[str, Any] = {"sizes": (8_000, 32_000), "directions": 10_000}
+FEW: dict[str, Any] = {
+    "sizes": (8_000, 32_000),
+    "directions": 10_000,
+    "representations": ("angle_grid", "half_difference"),
+}
 SATIN = {"model": "cook_torrance", "parameters": {"roughness": 0.3, "diffuse": [0.5, 0.2, 0.1], "specular": 0.4}}
 
 
@@ -151,7 +155,7 @@ def test_time_and_bytes_decide() -> None:
 
 def test_a_budget_that_is_not_met_is_said(scene: dict[str, Any]) -> None:
     car = {**scene["materials"][-1], "error": 1e-7}
-    found = bc.plan({"budget": {"bytes": 10}, "materials": [car]}, sizes=(8_000,), directions=2_000)
+    found = bc.plan({"budget": {"bytes": 10}, "materials": [car]}, **{**FEW, "sizes": (8_000,)})
     assert not found.choices[0].met or found.choices[0].entry.error <= 1e-7
     assert any("budget is 10" in text for text in found.problems)
     assert found.to_json()["met"] is False

@@ -21,7 +21,12 @@ from brdfcore.reporting.report import Report, Subject, file_name, report
 from tests.core.conftest import Run
 from tests.core.sources import Constant
 
-FEW: dict[str, Any] = {"sizes": (8_000, 32_000), "rounds": 2, "directions": 20_000}
+FEW: dict[str, Any] = {
+    "sizes": (8_000, 32_000),
+    "rounds": 2,
+    "directions": 20_000,
+    "representations": ("angle_grid", "half_difference"),
+}
 NASTY = '<script>alert(1)</script> | `gold` & "co"'
 
 
