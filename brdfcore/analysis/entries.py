@@ -12,6 +12,8 @@ from brdfcore.brdf import Brdf
 from brdfcore.metrics import Comparison
 
 _HEADLINE = label(1_000_000, 1)
+#: A table that is less than this many times faster than the formula is not worth its memory and its error.
+SLOWEST = 4.0
 #: What misplaces more than this share of the energy is no candidate, however small or fast: it is not on the front.
 USELESS = 0.25
 #: A table chosen for a tolerance is measured again on other directions; what the first measurement leaves open has to
@@ -107,13 +109,20 @@ def _dominates(a: Entry, b: Entry) -> bool:
 
 
 def choose(entries: Sequence[Entry], tolerance: float, room: float | None, *, smallest_error: bool = False) -> Entry:
-    """The fastest within tolerance and bytes, of equally fast ones the smallest; else the least wrong that fits."""
+    """The fastest within tolerance and bytes, of equally fast ones the smallest; else the least wrong that fits.
+
+    A formula that is less than `SLOWEST` times slower than the fastest counts as equally fast.
+    """
     fitting = [e for e in entries if e.nbytes <= (room or math.inf)]
     right = [] if smallest_error else [e for e in fitting if e.meets(tolerance)]
     if right:
         fastest = min(right, key=lambda e: e.ns.best)
-        alike = [e for e in right if not fastest.ns.faster_than(e.ns)]
-        return min(alike, key=lambda e: (e.nbytes, e.error))
+        alike = [
+            e
+            for e in right
+            if not fastest.ns.faster_than(e.ns) or (e.kind == "model" and e.ns.best <= SLOWEST * fastest.ns.best)
+        ]
+        return min(alike, key=lambda e: (e.nbytes, e.ns.best, e.error))
     if fitting:
         return min(fitting, key=lambda e: (e.error, e.nbytes))
     return min(entries, key=lambda e: (e.nbytes, e.error))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from brdfcore.analysis.entries import Entry
+from brdfcore.analysis.entries import SLOWEST, Entry
 from brdfcore.analysis.pareto import Pareto, is_formula, pareto
 from brdfcore.analysis.scene import Scene, SceneMaterial, Selected, read_scene
 from brdfcore.analysis.timing import machine, versions
@@ -23,9 +23,6 @@ from brdfcore.tables.base import Progress
 MERL_BYTES = 34_992_012
 #: Bytes that tables are tried within, from the smallest that any representation needs.
 SIZES = tuple(2_000 * 2**k for k in range(13))
-#: Without a limit on the time, what is more than this many times slower than the fastest is not taken: memory saved so
-#: is paid for at every look-up.
-SLOWEST = 4.0
 #: An expansion in harmonics up to this size is taken under an environment, bytes: it answers for the whole environment
 #: with one product of coefficients, where anything else is looked up once a direction.
 HARMONICS_WITHIN = 64_000
@@ -206,6 +203,7 @@ def decide(found: Pareto, limit: float | None, environment: bool) -> tuple[Entry
     """(what to take, why, whether it is within the budget), from everything that was measured."""
     right = [e for e in found.entries if e.kind != "peer" and e.meets(found.tolerance)]
     fastest = min((e.ns.best for e in right), default=math.inf)
+    # without a limit: memory saved by what is far slower is paid for at every look-up
     allowed = limit if limit is not None else SLOWEST * fastest
     quick = [e for e in right if e.ns.best <= allowed]
     if not quick:

@@ -250,6 +250,7 @@ def _method(report: Report) -> str:
 so that drift hits all alike. The fastest round is quoted, then the median. Differences below a quarter count as
 none.</p>
 <p><b>Front</b>: what no other is no larger than, no less exact than, and not distinctly slower than.
-<b>Chosen</b>: the fastest within the tolerance; of equally fast ones the smallest.</p>
+<b>Chosen</b>: the fastest within the tolerance; of equally fast ones the smallest; a formula where no table is four
+times faster.</p>
 <p><b>Machine</b>: {escape(first.machine)}, {first.threads} threads. <b>Versions</b>: {stated}.</p>
 <p><b>To reproduce</b>:</p><pre>{escape(command)}</pre>"""
