@@ -255,7 +255,9 @@ def test_version(run: Run) -> None:
     assert run("--version") == (0, f"brdf {bc.__version__}\n", "")
 
 
-@pytest.mark.parametrize("command", ["models", "info", "tabulate", "eval", "plot", "convert", "serve"])
+@pytest.mark.parametrize(
+    "command", ["models", "info", "tabulate", "eval", "plot", "convert", "serve", "report", "plan"]
+)
 def test_help_teaches_by_example(run: Run, command: str) -> None:
     code, out, err = run(command, "--help")
     assert (code, err) == (0, "")
