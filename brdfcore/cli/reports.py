@@ -146,7 +146,7 @@ look-ups' time, and chooses the fastest within --tolerance (of equally fast ones
 material. .html is one page that loads nothing from elsewhere; .json has every number; .md and .png are for documents.
 The chosen tables are written, read again and measured once more. An existing file is replaced.
 
-\\b
+\b
 Examples:
   brdf report cook_torrance:roughness=0.1,ior=gold paint.bsdf -o report.html
   brdf report paint.bsdf --tolerance 0.002 --max-bytes 1MB -o report.json --tables tables""",
