@@ -3,7 +3,7 @@
 h_l = sqrt(4 pi) p_l^m is orthonormal on [0, 1] among the degrees of one parity. With g the target,
 G_m = mean over delta_phi of g cos(m delta_phi):
 
-    R_ll' = int int G_m h_l(c_i) h_l'(c_o) dc_i dc_o,    rho = 4 pi R,    ||g||^2 = 2 pi sum_m (2-d_m0) |R|^2 if complete
+    R_ll' = int int G_m h_l(c_i) h_l'(c_o) dc_i dc_o,   rho = 4 pi R,   mean of g^2 = sum_m (2-d_m0) |R|^2
 
 Sums over delta_phi are matrix products with cos(m delta_phi): at these lengths a product with all cores is as fast as
 FFTs, and takes graded nodes too.
@@ -135,7 +135,7 @@ class _Work:
         block, first = self.blocks[k], self.rows[self.blocks[k].m]
         p = self.left[first : first + block.rows] * self.w_i
         summed = p @ source[k].transpose(1, 0, 2).reshape(self.x_i.size, -1)
-        return 4 * np.pi * np.moveaxis(summed.reshape(block.rows, block.columns, self.channels), -1, 0)
+        return np.asarray(4 * np.pi * np.moveaxis(summed.reshape(block.rows, block.columns, self.channels), -1, 0))
 
     def _sampled(self, part: slice) -> tuple[Float64Array, Float64Array]:
         """Orders of g and of f over the cosines, (nodes, blocks, x_o, channels), with the weights of theta_o's
@@ -177,7 +177,7 @@ def _angles(x: Float64Array) -> Float64Array:
 
 
 def _finite(b: Brdf, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
-    f = b.evaluate(theta_i, theta_o, delta_phi)
+    f = b.evaluate(theta_i, theta_o, delta_phi).astype(np.float64, copy=False)
     # one pass without a temporary: an infinite or NaN value makes the sum so
     with np.errstate(over="ignore", invalid="ignore"):
         total = float(np.abs(f.sum()))
