@@ -119,7 +119,7 @@ class HarmonicExpansion(Table):
 
     def _order(self, m: int) -> Order:
         row, channels = self._layout[m], len(self.channels)
-        rows, columns, rank_i, rank_o = row[:4].tolist()
+        rows, columns, rank_i, rank_o = (int(n) for n in row[:4].tolist())
 
         def basis(start: int, rank: int, size: int) -> Float64Array | None:
             if rank == size:
@@ -166,18 +166,18 @@ class HarmonicExpansion(Table):
                 found.append(steps(self.lmax, m, odd[side]))
                 layout[m, column] = at
                 at += len(found[-1])
-        m = np.arange(1, len(layout))
-        ratios = np.concatenate([[1 / np.sqrt(4 * np.pi)], np.sqrt((2 * m + 1) / (2 * m))])
+        orders = np.arange(1, len(layout))
+        ratios = np.concatenate([[1 / np.sqrt(4 * np.pi)], np.sqrt((2 * orders + 1) / (2 * orders))])
         return layout, ratios, np.concatenate(found)
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
-        from brdfcore.kernels.harmonic import harmonic_values
+        from brdfcore.kernels.harmonic import LANES, harmonic_values
 
         # in plain look-ups, for the choice of threads
         work = theta_i.size * max(self._cores.size // 64, 1)
         outside = harmonic_values(
             work, theta_i, theta_o, delta_phi, out.reshape(-1), *self._steps, self._bases, self._cores,
-            len(self.channels), self.packed, theta_i.dtype.type(HALF_PI),
+            len(self.channels), self.packed, theta_i.dtype.type(HALF_PI), LANES,
         )  # fmt: skip
         return bool(outside == 0)
 

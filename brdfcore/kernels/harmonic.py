@@ -25,7 +25,7 @@ Float64Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 #: Points worked on together, and groups a task of the parallel version.
-LANES, GROUPS = 16, 8
+LANES, GROUPS = 32, 4
 #: Columns of the layout, one row an order: numbers of degrees and of basis functions of both directions (as many as
 #: degrees: the identity), where their bases begin, where the cores of cosines and sines do (-1: none), and where the
 #: steps' coefficients do.
@@ -53,26 +53,26 @@ def steps(lmax: int, m: int, odd: bool) -> Float64Array:
 
 
 @inline
-def _functions(x2, seed, coefficients, first, count, p):
-    """p (count rows of `LANES`): the degrees of one order and parity from p_m^m in `seed`."""
-    for j in range(LANES):
+def _functions(lanes, x2, seed, coefficients, first, count, p):
+    """p (count rows of lanes): the degrees of one order and parity from p_m^m in `seed`."""
+    for j in range(lanes):
         store(p, j, load(seed, j) * coefficients[first, 0])
     if count > 1:
         a = coefficients[first + 1, 0]
         b = coefficients[first + 1, 1]
-        for j in range(LANES):
-            store(p, LANES + j, (a * load(x2, j) - b) * p[j])
+        for j in range(lanes):
+            store(p, lanes + j, (a * load(x2, j) - b) * p[j])
     for k in range(2, count):
         a = coefficients[first + k, 0]
         b = coefficients[first + k, 1]
         c = coefficients[first + k, 2]
-        now = k * LANES
-        for j in range(LANES):
-            store(p, now + j, (a * load(x2, j) - b) * p[now - LANES + j] - c * p[now - 2 * LANES + j])
+        now = k * lanes
+        for j in range(lanes):
+            store(p, now + j, (a * load(x2, j) - b) * p[now - lanes + j] - c * p[now - 2 * lanes + j])
 
 
 @inline
-def _combined(p, degrees, basis, first, rank, y):
+def _combined(lanes, p, degrees, basis, first, rank, y):
     """y_r = sum_l basis_rl p_l; four rows share the reads of p, the last ones of four may mean nothing."""
     for r in range(0, rank, 4):
         last = rank - 1
@@ -80,83 +80,84 @@ def _combined(p, degrees, basis, first, rank, y):
         row_1 = first + min(r + 1, last) * degrees
         row_2 = first + min(r + 2, last) * degrees
         row_3 = first + min(r + 3, last) * degrees
-        at = r * LANES
-        for j in range(4 * LANES):
+        at = r * lanes
+        for j in range(4 * lanes):
             y[at + j] = 0.0
         for k in range(degrees):
             b0 = basis[row_0 + k]
             b1 = basis[row_1 + k]
             b2 = basis[row_2 + k]
             b3 = basis[row_3 + k]
-            for j in range(LANES):
-                value = load(p, k * LANES + j)
+            for j in range(lanes):
+                value = load(p, k * lanes + j)
                 store(y, at + j, y[at + j] + b0 * value)
-                store(y, at + LANES + j, y[at + LANES + j] + b1 * value)
-                store(y, at + 2 * LANES + j, y[at + 2 * LANES + j] + b2 * value)
-                store(y, at + 3 * LANES + j, y[at + 3 * LANES + j] + b3 * value)
+                store(y, at + lanes + j, y[at + lanes + j] + b1 * value)
+                store(y, at + 2 * lanes + j, y[at + 2 * lanes + j] + b2 * value)
+                store(y, at + 3 * lanes + j, y[at + 3 * lanes + j] + b3 * value)
 
 
 @inline
-def _paired(y, z, rank_i, rank_o, core, first, symmetric, wave, t, total, at):
+def _paired(lanes, y, z, rank_i, rank_o, core, first, symmetric, wave, t, total, at):
     """total += wave sum_rs A_rs y_r z_s; a symmetric core holds r <= s, and swapping y and z gives the same bits."""
     place = first
     for r in range(rank_i):
-        row = r * LANES
+        row = r * lanes
         if symmetric:
             a = core[place]
-            for j in range(LANES):
+            for j in range(lanes):
                 store(t, j, a * (load(y, row + j) * load(z, row + j)))
             for s in range(r + 1, rank_o):
                 a = core[place + s - r]
-                for j in range(LANES):
-                    one = load(y, row + j) * load(z, s * LANES + j)
-                    store(t, j, t[j] + a * (one + load(y, s * LANES + j) * load(z, row + j)))
-            for j in range(LANES):
+                for j in range(lanes):
+                    one = load(y, row + j) * load(z, s * lanes + j)
+                    store(t, j, t[j] + a * (one + load(y, s * lanes + j) * load(z, row + j)))
+            for j in range(lanes):
                 store(total, at + j, total[at + j] + load(wave, j) * t[j])
             place += rank_o - r
         else:
-            for j in range(LANES):
+            for j in range(lanes):
                 t[j] = 0.0
             for s in range(rank_o):
                 a = core[place + s]
-                for j in range(LANES):
-                    store(t, j, t[j] + a * load(z, s * LANES + j))
-            for j in range(LANES):
+                for j in range(lanes):
+                    store(t, j, t[j] + a * load(z, s * lanes + j))
+            for j in range(lanes):
                 store(total, at + j, total[at + j] + load(wave, j) * (load(y, row + j) * t[j]))
             place += rank_o
 
 
 @kernel
 def harmonic_values(
-    theta_i, theta_o, delta_phi, out, layout, ratios, coefficients, bases, cores, channels, symmetric, limit
+    theta_i, theta_o, delta_phi, out, layout, ratios, coefficients, bases, cores, channels, symmetric, limit, lanes
 ):
     """out (n channels,), flat; returns how many points are outside the plain domain (their values mean nothing).
 
     layout int64 (orders, 10); ratios (orders,): p_0^0, then p_m^m/p_(m-1)^(m-1) without the sine; coefficients (.., 3)
     of `steps`; bases and cores flat; `symmetric`: cores hold their upper triangles, left and right bases are one.
-    limit: the angles' own pi/2.
+    limit: the angles' own pi/2. lanes: `LANES`, told at run time: loops of a known short length are unrolled before the
+    compiler looks for vectors.
     """
     most = 1
     for m in range(layout.shape[0]):
         most = max(most, max(layout[m, DEGREES_I], layout[m, DEGREES_O]))
     size = theta_i.size
     outside = np.int64(0)
-    for task in prange((size + LANES * GROUPS - 1) // (LANES * GROUPS)):
-        p = np.empty((most + 4) * LANES)
-        y = np.empty((most + 4) * LANES)
-        z = np.empty((most + 4) * LANES)
-        t = np.empty(LANES)
-        state = np.empty((12, LANES))
+    for task in prange((size + lanes * GROUPS - 1) // (lanes * GROUPS)):
+        p = np.empty((most + 4) * lanes)
+        y = np.empty((most + 4) * lanes)
+        z = np.empty((most + 4) * lanes)
+        t = np.empty(lanes)
+        state = np.empty((12, lanes))
         sine_i, sine_o, x2_i, x2_o = state[0], state[1], state[2], state[3]
         # of delta_phi and of m delta_phi; p_m^m of both directions
         cos_1, sin_1, cos_m, sin_m = state[4], state[5], state[6], state[7]
         seed_i, seed_o, wave_c, wave_s = state[8], state[9], state[10], state[11]
-        total = np.empty(channels * LANES)
+        total = np.empty(channels * lanes)
         for group in range(GROUPS):
-            start = (task * GROUPS + group) * LANES
+            start = (task * GROUPS + group) * lanes
             if start >= size:
                 break
-            for j in range(LANES):
+            for j in range(lanes):
                 k = min(start + j, size - 1)
                 a = theta_i[k]
                 b = theta_o[k]
@@ -178,12 +179,12 @@ def harmonic_values(
                 sin_m[j] = 0.0
                 seed_i[j] = ratios[0]
                 seed_o[j] = ratios[0]
-            for k in range(channels * LANES):
+            for k in range(channels * lanes):
                 total[k] = 0.0
             for m in range(layout.shape[0]):
                 if m > 0:
                     alive = False
-                    for j in range(LANES):
+                    for j in range(lanes):
                         c = cos_m[j] * cos_1[j] - sin_m[j] * sin_1[j]
                         sin_m[j] = sin_m[j] * cos_1[j] + cos_m[j] * sin_1[j]
                         cos_m[j] = c
@@ -202,28 +203,28 @@ def harmonic_values(
                 rank_i = row[RANK_I]
                 rank_o = row[RANK_O]
                 identity = rank_i == count
-                _functions(x2_i, seed_i, coefficients, row[STEPS_I], count, y if identity else p)
+                _functions(lanes, x2_i, seed_i, coefficients, row[STEPS_I], count, y if identity else p)
                 if not identity:
-                    _combined(p, count, bases, row[BASIS_I], rank_i, y)
+                    _combined(lanes, p, count, bases, row[BASIS_I], rank_i, y)
                 count = row[DEGREES_O]
                 identity = rank_o == count
-                _functions(x2_o, seed_o, coefficients, row[STEPS_O], count, z if identity else p)
+                _functions(lanes, x2_o, seed_o, coefficients, row[STEPS_O], count, z if identity else p)
                 if not identity:
-                    _combined(p, count, bases, row[BASIS_O], rank_o, z)
-                for j in range(LANES):
+                    _combined(lanes, p, count, bases, row[BASIS_O], rank_o, z)
+                for j in range(lanes):
                     wave_c[j] = cos_m[j] * (1.0 if m == 0 else 2.0)
                     wave_s[j] = 2.0 * sin_m[j]
                 length = rank_i * (rank_i + 1) // 2 if symmetric else rank_i * rank_o
                 for channel in range(channels):
-                    at = channel * LANES
+                    at = channel * lanes
                     first = row[COSINES] + channel * length
-                    _paired(y, z, rank_i, rank_o, cores, first, symmetric, wave_c, t, total, at)
+                    _paired(lanes, y, z, rank_i, rank_o, cores, first, symmetric, wave_c, t, total, at)
                     if row[SINES] >= 0:
                         first = row[SINES] + channel * length
-                        _paired(y, z, rank_i, rank_o, cores, first, symmetric, wave_s, t, total, at)
-            for j in range(min(LANES, size - start)):
+                        _paired(lanes, y, z, rank_i, rank_o, cores, first, symmetric, wave_s, t, total, at)
+            for j in range(min(lanes, size - start)):
                 for channel in range(channels):
-                    out[(start + j) * channels + channel] = total[channel * LANES + j]
+                    out[(start + j) * channels + channel] = total[channel * lanes + j]
     return outside
 
 
@@ -240,6 +241,7 @@ def harmonic_numpy(
     channels: int,
     symmetric: bool,
     limit: float,
+    lanes: int,
 ) -> int:
     """The twin, order by order in whole arrays; Legendre functions by the same steps."""
     with np.errstate(invalid="ignore"):
