@@ -30,6 +30,8 @@ MAX_BYTES = 2_000_000_000
 FACTOR_SHARE = 0.1
 #: Quadrature is refined while its error is above this part of the truncation error (in quadrature: 0.1 % of it), ...
 _QUADRATURE_SHARE = 0.05
+#: and while the two rules' truncation errors differ by more than this part, ...
+_TRUNCATION_SHARE, _PARSEVAL_FLOOR = 0.01, 3e-8
 #: ... or until it is rounding, or a refinement would take more evaluations than this a degree cubed.
 _QUADRATURE_FLOOR, _EVALUATIONS = 1e-9, 60.0
 #: float32 where its rounding, 3e-8, is below a thousandth of the truncation error.
@@ -42,6 +44,7 @@ class Projected:
     """Moments on the finer rule, the coefficients on the coarser, and what symmetry took out.
 
     removed: energy of the part that was not reciprocal, relative; None where nothing was asked or needed.
+    truncation_apart: difference of the truncation errors that the two rules find.
     """
 
     moments: Moments
@@ -50,6 +53,7 @@ class Projected:
     rule: Rule
     removed: float | None
     symmetric: bool
+    truncation_apart: float = 0.0
 
     def truncated(self, lmax: int) -> Projected:
         """The same, ended at a lower degree."""
@@ -97,15 +101,22 @@ def projected(
         removed = _symmetrised(fine, coarse) if symmetric else None
         found = Projected(fine, coarse.rho, coarse.energy, rule, removed if symmetrise else None, symmetric)
         error = distance(fine, fine.rho, coarse.rho)[0]
-        total = float(fine.energy.sum())
-        truncation = float(np.sqrt(target_error(fine).sum() / total)) if total > 0 else 0.0
-        if error <= max(_QUADRATURE_SHARE * truncation, _QUADRATURE_FLOOR):
-            return found
+        truncation = _truncation(fine)
+        apart = abs(_truncation(coarse) - truncation)
+        if error <= max(_QUADRATURE_SHARE * truncation, _QUADRATURE_FLOOR) and apart <= max(
+            _TRUNCATION_SHARE * truncation, _PARSEVAL_FLOOR
+        ):
+            return replace(found, truncation_apart=apart)
         mirror, retro = lobe_widths(b)
         finer = rule.finer() if rule.graded else replace(rule, width=min(mirror, 0.1), retro=min(retro, 1.0))
-        if finer.evaluations > max(_EVALUATIONS * lmax**3, 4e6):
-            return found
+        if finer.evaluations > max(_EVALUATIONS * lmax**3, 8e6):
+            return replace(found, truncation_apart=apart)
         rule = finer
+
+
+def _truncation(found: Moments) -> float:
+    total = float(found.energy.sum())
+    return float(np.sqrt(target_error(found).sum() / total)) if total > 0 else 0.0
 
 
 def _even(found: Moments) -> Moments:
@@ -158,7 +169,7 @@ def build_expansion(b: Brdf, found: Projected, window: str) -> HarmonicExpansion
 
         truncation    of the expansion as stored, window and factors included, by Parseval
         quadrature    distance from the coefficients of a coarser rule: an upper estimate of what sampling did to them;
-                      `energy` that of ||target||^2, by which Parseval's numbers may be off
+                      `truncation` how far the truncation errors of the two rules are apart, `energy` their ||target||^2
         projection    truncation without window and factors; factors: what dropped directions cost
         by_degree     truncation if it ended at degree 0, 1, ..., lmax; by_channel: truncation of each channel's target
     """
@@ -206,6 +217,7 @@ def build_expansion(b: Brdf, found: Projected, window: str) -> HarmonicExpansion
         "quadrature": {
             "target": quadrature,
             "f": quadrature_f,
+            "truncation": found.truncation_apart,
             "energy": abs(float(energies[1].sum()) / float(energies[0].sum() or 1.0) - 1.0) if plain or total else 0.0,
             "evaluations": found.rule.evaluations,
             "graded": found.rule.graded,
