@@ -83,7 +83,24 @@ def _combined(lanes, p, degrees, basis, first, rank, y):
         at = r * lanes
         for j in range(4 * lanes):
             y[at + j] = 0.0
-        for k in range(degrees):
+        even = degrees - degrees % 2
+        for k in range(0, even, 2):
+            b0 = basis[row_0 + k]
+            b1 = basis[row_1 + k]
+            b2 = basis[row_2 + k]
+            b3 = basis[row_3 + k]
+            c0 = basis[row_0 + k + 1]
+            c1 = basis[row_1 + k + 1]
+            c2 = basis[row_2 + k + 1]
+            c3 = basis[row_3 + k + 1]
+            for j in range(lanes):
+                one = load(p, k * lanes + j)
+                two = load(p, (k + 1) * lanes + j)
+                store(y, at + j, y[at + j] + (b0 * one + c0 * two))
+                store(y, at + lanes + j, y[at + lanes + j] + (b1 * one + c1 * two))
+                store(y, at + 2 * lanes + j, y[at + 2 * lanes + j] + (b2 * one + c2 * two))
+                store(y, at + 3 * lanes + j, y[at + 3 * lanes + j] + (b3 * one + c3 * two))
+        for k in range(even, degrees):
             b0 = basis[row_0 + k]
             b1 = basis[row_1 + k]
             b2 = basis[row_2 + k]
@@ -117,7 +134,19 @@ def _paired(lanes, y, z, rank_i, rank_o, core, first, symmetric, wave, t, total,
         else:
             for j in range(lanes):
                 t[j] = 0.0
-            for s in range(rank_o):
+            # four terms at a time: the sums wait for each other
+            four = rank_o - rank_o % 4
+            for s in range(0, four, 4):
+                a0 = core[place + s]
+                a1 = core[place + s + 1]
+                a2 = core[place + s + 2]
+                a3 = core[place + s + 3]
+                at_s = s * lanes
+                for j in range(lanes):
+                    left = a0 * load(z, at_s + j) + a1 * load(z, at_s + lanes + j)
+                    right = a2 * load(z, at_s + 2 * lanes + j) + a3 * load(z, at_s + 3 * lanes + j)
+                    store(t, j, t[j] + (left + right))
+            for s in range(four, rank_o):
                 a = core[place + s]
                 for j in range(lanes):
                     store(t, j, t[j] + a * load(z, s * lanes + j))
