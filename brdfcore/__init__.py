@@ -35,6 +35,8 @@ _PUBLIC = {
     "representations": "brdfcore.catalogue",
     "formats": None,
     "tabulate": "brdfcore.build",
+    "project": "brdfcore.expand",
+    "project_slice": "brdfcore.harmonics.slices",
     "open_table": "brdfcore.tables.store",
     "read": "brdfcore.io",
     "sniff": "brdfcore.io",
@@ -71,6 +73,8 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.errors import MissingExtraError as MissingExtraError
     from brdfcore.errors import StorageError as StorageError
     from brdfcore.errors import UnknownNameError as UnknownNameError
+    from brdfcore.expand import project as project
+    from brdfcore.harmonics.slices import project_slice as project_slice
     from brdfcore.io import read as read
     from brdfcore.io import sniff as sniff
     from brdfcore.io import write as write

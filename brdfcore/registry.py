@@ -82,6 +82,7 @@ REPRESENTATIONS = Registry(
         "angle_grid": "brdfcore.tables.angle_grid:AngleGrid",
         "half_difference": "brdfcore.tables.half_difference:HalfDifference",
         "vndf_warp": "brdfcore.tables.vndf_warp:VndfWarp",
+        "harmonic": "brdfcore.harmonics.expansion:HarmonicExpansion",
         "half_angle_grid": "brdfcore.tables.half_angle_grid:HalfAngleGrid",
         "scattered": "brdfcore.tables.scattered:Scattered",
         "specular_grid": "brdfcore.tables.specular_grid:SpecularGrid",

@@ -1,0 +1,1 @@
+"""Spherical harmonics: Legendre functions, expansions of BRDFs with a stated error, windows."""

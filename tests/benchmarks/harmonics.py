@@ -1,0 +1,151 @@
+"""Spherical harmonics: Legendre functions, projection, and expansions beside tables of the same error.
+
+`python -m tests.benchmarks.harmonics [legendre laws files time]`. Errors named target are relative L2 of f c_i c_o,
+f of f itself; L1 is `metrics.compare`'s. Look-ups a second are median, from random angles, on all cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+
+import numpy as np
+from scipy.special import sph_harm_y_all
+
+import brdfcore as bc
+from brdfcore.expand import norm_distance
+from brdfcore.harmonics.irradiance import irradiance_factors, kernel_energy
+from brdfcore.harmonics.legendre import legendre
+from brdfcore.harmonics.projection import expanded, projected
+from brdfcore.harmonics.rules import lobe_widths
+from brdfcore.harmonics.targets import TARGETS
+from brdfcore.harmonics.windows import WINDOWS, step_response
+from tests import shared
+from tests.benchmarks.timing import interleaved, machine, ratio
+
+F_COS_COS = TARGETS["f_cos_cos"]
+
+
+def functions(lmax: int, points: int, rounds: int) -> None:
+    """p_l^m of all l, m against scipy's Y_l^m of the same degree and points, interleaved."""
+    x = np.cos(np.linspace(0.01, 3.1, points))
+    theta, phi = np.arccos(x), np.zeros(points)
+    legendre(lmax, x)
+    times = interleaved(
+        {"ours": lambda: legendre(lmax, x), "scipy": lambda: sph_harm_y_all(lmax, lmax, theta, phi)}, rounds=rounds
+    )
+    low, middle, high = ratio(times["scipy"], times["ours"])
+    print(
+        f"\nlmax {lmax}, {points} points: p_l^m {1e6 * times['ours'].median / points:.1f} us a point, scipy "
+        f"sph_harm_y_all {1e6 * times['scipy'].median / points:.0f}; {middle:.0f} x ({low:.0f} .. {high:.0f})"
+    )
+
+
+def numbers() -> None:
+    """Windows on a step, the irradiance kernel, and the degree for 1 % of a lobe."""
+    for name in WINDOWS:
+        found = step_response(name, 16)
+        print(f"window {name:9} lmax 16: undershoot {found['undershoot']:.4f}, L2 {found['l2']:.3f}")
+    print("A_l / pi:", " ".join(f"{a:.15f}" for a in irradiance_factors(6) / np.pi))
+    nine = kernel_energy(2)
+    print(f"nine coefficients: {100 * nine['energy']:.3f} % of the energy, relative L2 error {100 * nine['l2']:.3f} %")
+
+
+def files(degrees: list[int], lookups: int) -> None:
+    """The ten measured files: expansions, and the smallest half_difference of at most the same error."""
+    heads = f"{'lmax':>5} {'bytes':>9} {'plain':>9} {'target':>8} {'quadr.':>8} {'by eval':>8} {'L1':>7} {'minimum':>9}"
+    print(f"\n{'material':19}{heads} {'M/s':>6} {'s':>6} | half_difference: bytes, target, L1, M/s")
+    rng = np.random.default_rng(3)
+    angles = [rng.uniform(0, top, lookups) for top in (1.57, 1.57, 3.14)]
+    for name in shared.rgl_names():
+        source = bc.read(shared.rgl_path(name))
+        for lmax in degrees:
+            start = time.perf_counter()
+            h = expanded(source, lmax)
+            seconds = time.perf_counter() - start
+            stated = h.report["harmonics"]
+            error = stated["truncation"]["target"]
+            l1 = bc.compare(source, h, directions=50_000).l1
+            plain = 8 * h.size * len(h.channels)
+            print(
+                f"{name:19}{lmax:5} {h.nbytes:9} {plain:9} {error:8.4f} {stated['quadrature']['target']:8.5f} "
+                f"{by_evaluation(source, h):8.4f} {l1:7.4f} {stated['minimum']:9.2f} {rate(h, angles):6.3f} "
+                f"{seconds:6.2f} | {beside(source, error, angles)}",
+                flush=True,
+            )
+
+
+def beside(source: bc.Brdf, error: float, angles: list[np.ndarray]) -> str:
+    """The smallest half_difference whose distance in the target's norm is at most `error`."""
+    for size in (6_000, 24_000, 96_000, 384_000, 1_500_000, 6_000_000):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            table = bc.tabulate(source, "half_difference", max_bytes=3 * size)
+        found = norm_distance(source, table, F_COS_COS)
+        if found <= error:
+            return f"{table.nbytes} {found:.4f} {table.error['l1']:.4f} {rate(table, angles):.1f}"
+    return f"none up to {table.nbytes} ({found:.4f})"
+
+
+def by_evaluation(b: bc.Brdf, h: bc.Brdf, strata: int = 40) -> float:
+    """Relative L2 of the target: by draws about the lobe where it is narrow, else from one random point in each of
+    strata^3 cells, denser towards the horizon."""
+    if min(lobe_widths(b)) < 0.04:
+        return norm_distance(b, h, F_COS_COS, directions=150_000)
+    cell = np.stack(np.meshgrid(*[np.arange(strata)] * 3, indexing="ij")).reshape(3, -1)
+    u = 1 - (cell + np.random.default_rng(1).random(cell.shape)) / strata
+    theta_i, theta_o, delta_phi = (top * (1 - a**1.5) for top, a in zip((np.pi / 2, np.pi / 2, np.pi), u))
+    weight = np.sqrt(u).prod(axis=0) * np.sin(theta_i) * np.sin(theta_o) * (np.cos(theta_i) * np.cos(theta_o)) ** 2
+    f, g = (m.evaluate(theta_i, theta_o, delta_phi) for m in (b, h))
+    return float(np.sqrt(weight @ ((f - g) ** 2).sum(axis=1) / (weight @ (f * f).sum(axis=1))))
+
+
+def rate(b: bc.Brdf, angles: list[np.ndarray]) -> float:
+    b.evaluate(*angles)
+    times = interleaved({"it": lambda: b.evaluate(*angles)}, rounds=3)
+    return angles[0].size / times["it"].median / 1e6
+
+
+def timed(degrees: list[int], rounds: int) -> None:
+    """Coefficients of three channels of measured files, with the coarser rule that states the quadrature error."""
+    print(f"\n{'projection, 3 channels':24} {'lmax':>5} {'s':>7} {'quadrature':>11} {'truncation':>11} evaluations")
+    for name in ("paper_white", "vch_golden_yellow", "chm_light_blue"):
+        source = bc.read(shared.rgl_path(name))
+        projected(source, 16, F_COS_COS)
+        for lmax in degrees:
+            times = interleaved(
+                {"it": lambda source=source, lmax=lmax: projected(source, lmax, F_COS_COS)}, rounds=rounds
+            )
+            stated = expanded(source, lmax).report["harmonics"]
+            print(
+                f"{name:24} {lmax:5} {times['it'].median:7.2f} {stated['quadrature']['target']:11.2e} "
+                f"{stated['projection']['target']:11.4f} {stated['quadrature']['evaluations']}",
+                flush=True,
+            )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", choices=["legendre", "numbers", "files", "time", []], help="default: all")
+    parser.add_argument("--degrees", type=int, nargs="+", default=[16, 32, 64])
+    parser.add_argument("-n", type=int, default=100_000, help="look-ups timed")
+    parser.add_argument("--rounds", type=int, default=5)
+    given = parser.parse_args()
+    parts = given.parts or ["legendre", "numbers", "time", "files"]
+    print(machine())
+    if "legendre" in parts:
+        functions(256, 64, given.rounds)
+    if "numbers" in parts:
+        numbers()
+    if not shared.REFERENCE.exists():
+        print("left out: the ten measured files (../shared is absent)")
+        return
+    if "time" in parts:
+        timed([64, 256], min(given.rounds, 3))
+    if "files" in parts:
+        files(given.degrees, given.n)
+
+
+if __name__ == "__main__":
+    main()
