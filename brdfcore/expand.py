@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.brdf import Brdf
-from brdfcore.build import _positive
+from brdfcore.build import positive
 from brdfcore.directions import mixture
 from brdfcore.errors import InputError, LimitError
 from brdfcore.harmonics.expansion import MAX_LMAX, HarmonicExpansion
@@ -77,7 +77,7 @@ def project(
         A degree or size too large, or a tolerance that no allowed degree meets: it says which degree and how many
         bytes that would take, and which table does it in fewer.
     """
-    kind, shape, wanted = target_named(target), window_named(window), _positive("tolerance", tolerance)
+    kind, shape, wanted = target_named(target), window_named(window), positive("tolerance", tolerance)
     if lmax == "auto":
         if wanted is None:
             raise InputError("options_exclude", "lmax='auto' needs a tolerance", where="tolerance", expected="a number")
