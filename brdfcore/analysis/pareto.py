@@ -15,8 +15,9 @@ import numpy as np
 from brdfcore.analysis.entries import Entry, choose, mark_dominated
 from brdfcore.analysis.tabulating import Tabulating, variant_of
 from brdfcore.analysis.timing import ROUNDS, Maker, machine, time_all, versions
-from brdfcore.brdf import Brdf, Scaled, Sum
+from brdfcore.brdf import Brdf
 from brdfcore.build import DEFAULT_TOLERANCE, positive
+from brdfcore.combined import Scaled, Sum
 from brdfcore.conventions import FloatArray
 from brdfcore.directions import cosine_pairs
 from brdfcore.errors import InputError

@@ -9,7 +9,7 @@ from typing import Any
 from brdfcore.analysis.pareto import is_formula
 from brdfcore.analysis.plan import Choice, Plan
 from brdfcore.atomic import replacing
-from brdfcore.brdf import Scaled, Sum
+from brdfcore.combined import Scaled, Sum
 from brdfcore.errors import InputError, StorageError
 from brdfcore.io import read, write
 from brdfcore.metrics import compare
