@@ -1,0 +1,285 @@
+"""Light reflected by an expansion: radiance towards any view of a surface with any normal, at once for many.
+
+In the frame of the normal, with the view at phi = 0,
+
+    c_o^p L_o = sum_lm k_lm(theta_o) c'_lm,   k_lm = e_m sum_l'' T^m_ll'' p_l''^m(c_o),   T^m = H^m rho^m
+    H^m_ll' = 2 pi int_0^1 x^(1-q) p_l^m p_l'^m dx,   e_0 = 1, e_m = sqrt(2)
+
+c' are the light's coefficients in that frame, q and p how many cosines the target has (`harmonics.targets`): rho's
+functions are extended over the horizon, so only the upper half of the light counts, and H couples even with odd degrees.
+What is exact: this sum is the integral of the truncated light times the truncated f c_i over the hemisphere.
+
+With R = R_z(alpha) R_y(beta) R_z(gamma) and R_y = J R_z J (`harmonics.rotation`) half of the rotation is done to the
+light, where it is a product of a fixed matrix with cos m alpha and sin m alpha, and half to k:
+
+    sum k c' = sum_u cos(u beta) (b_u a_u + b_-u a_-u) + sin(u beta) (b_-u a_u - b_u a_-u)
+
+a = J D_z(-alpha) c, b = J D_z(gamma) k: products of matrices of some degrees times some hundred normals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.brdf import Brdf, Channels
+from brdfcore.conventions import flatten_vectors
+from brdfcore.errors import InputError
+from brdfcore.harmonics.expansion import HarmonicExpansion
+from brdfcore.harmonics.legendre import checked_degree, degrees, legendre
+from brdfcore.harmonics.light import Light
+from brdfcore.harmonics.rotation import MAX_ROTATED, orders_of, swaps
+from brdfcore.harmonics.targets import TARGETS
+from brdfcore.quadrature import gauss_legendre
+from brdfcore.tables.base import Progress
+
+Float64Array = npt.NDArray[np.float64]
+
+#: Bytes of k of the normals that are done together.
+_BYTES = 8_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """What lights an expansion, degree by degree: made once for an expansion and a degree of lights."""
+
+    expansion: HarmonicExpansion
+    lmax: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lmax", checked_degree(self.lmax, MAX_ROTATED))
+
+    def radiance(
+        self, light: Light, normals: npt.ArrayLike, views: npt.ArrayLike, progress: Progress | None = None
+    ) -> Float64Array:
+        """L_o towards `views` (..., 3) from surfaces with `normals` (..., 3), which broadcast; (..., channels).
+
+        light    its environment to degree `lmax`; directional lights by the expansion's own f_r. The expansion's mirror
+                 part reflects the environment, as its coefficients say, and no directional light: that would be a delta.
+        Exactly 0 where the view is below the surface. Near the horizon of the view the quotient by c_o makes errors of
+        the target larger: the target's norm holds for c_o L_o.
+        """
+        light = light if light.lmax <= self.lmax else light.truncated(self.lmax)
+        channels = Channels.common(self.expansion.channels, light.channels)
+        given = flatten_vectors(normals, views)
+        normal, view = given.wi, given.wo
+        found = np.zeros((len(normal), len(channels)))
+        seen = np.flatnonzero((normal * view).sum(axis=1) > 0)
+        if light.coefficients.any():
+            step = int(np.clip(_BYTES // (8 * self._size * len(self.expansion.channels)), 16, 1_024))
+            matrices = _light_matrices(light)
+            for k in range(0, len(seen), step):
+                part = seen[k : k + step]
+                found[part] = self._reflected(matrices, light, normal[part], view[part])
+                if progress is not None:
+                    progress(min(k + step, len(seen)), len(seen), "relighting")
+        found[seen] += directly(self.expansion, light, normal[seen], view[seen], mirror=True)
+        return found.reshape(*given.shape, -1)
+
+    @property
+    def _size(self) -> int:
+        return (self.lmax + 1) * (self.lmax + 2) // 2
+
+    @cached_property
+    def _orders(self) -> list[tuple[Float64Array, Float64Array | None]]:
+        """Of each order e_m T^m of cosines, and of sines: (channels, degrees l of the light, degrees l'' of rho)."""
+        e, target = self.expansion, TARGETS[self.expansion.target]
+        x, w = gauss_legendre((e.lmax + self.lmax) // 2 + 2)
+        found: list[tuple[Float64Array, Float64Array | None]] = []
+        for m in range(min(self.lmax + 1, e.orders)):
+            p = legendre(self.lmax, x, first_order=m, last_order=m)
+            q = legendre(e.lmax, x, parity=target.parity_i, first_order=m, last_order=m)
+            h = 2 * np.pi * (p * (w * x ** (1 - target.cos_i))) @ q.T * (np.sqrt(2) if m else 1.0)
+            sines = None if e.bilateral or m == 0 else h @ e.coefficients(m, sines=True)
+            found.append((h @ e.coefficients(m), sines))
+        return found
+
+    def _kernel(self, c_o: Float64Array) -> tuple[Float64Array, Float64Array | None]:
+        """k of cosines, and of sines: rows l(l+1)/2 + m, then channels, then normals."""
+        e, target = self.expansion, TARGETS[self.expansion.target]
+        found = np.zeros((self._size, len(e.channels), c_o.size))
+        sines = None if e.bilateral else np.zeros_like(found)
+        for m, (cosine, sine) in enumerate(self._orders):
+            odd = bool(target.cos_o)
+            p = legendre(e.lmax, c_o, parity=target.parity_o, over_x=odd, first_order=m, last_order=m)
+            rows = degrees(self.lmax, m)
+            place = rows * (rows + 1) // 2 + m
+            found[place] = np.moveaxis(cosine @ p, 0, 1)
+            if sines is not None and sine is not None:
+                # delta_phi = 0 - phi_i
+                sines[place] = -np.moveaxis(sine @ p, 0, 1)
+        return found, sines
+
+    def _reflected(
+        self, matrices: list[_LightMatrices], light: Light, normal: Float64Array, view: Float64Array
+    ) -> Float64Array:
+        alpha, beta, gamma = _angles(normal, view)
+        cosines, sines = self._kernel(np.minimum((normal * view).sum(axis=1), 1.0))
+        m = np.arange(light.lmax + 1)
+        waves = _interleaved(m[:, None] * alpha)
+        cos_g, sin_g = np.cos(m[:, None, None] * gamma), np.sin(m[:, None, None] * gamma)
+        shape = (light.lmax + 1, max(len(light.channels), len(self.expansion.channels)), len(normal))
+        along, across = np.zeros(shape), np.zeros(shape)
+        for l, (matrix, j) in enumerate(zip(matrices, swaps(_table(light.lmax)))):  # noqa: E741
+            part = slice(l * (l + 1) // 2, (l + 1) * (l + 2) // 2)
+            k = cosines[part]
+            turned = k * cos_g[: l + 1], k * sin_g[: l + 1]
+            if sines is not None:
+                turned = turned[0] - sines[part] * sin_g[: l + 1], turned[1] + sines[part] * cos_g[: l + 1]
+            a_cos, a_sin = matrix.times(waves)
+            b_cos, b_sin = np.empty_like(k), np.zeros_like(k)
+            even, odd, n = l % 2, 1 - l % 2, k.shape[1] * k.shape[2]
+            flat_cos, flat_sin = (t.reshape(l + 1, n) for t in turned)
+            # the order 0 of sines is no function
+            first = even if even else 2
+            b_cos[even::2] = (j.cosines @ flat_cos[even::2]).reshape(-1, *k.shape[1:])
+            b_cos[odd::2] = (j.mixed @ flat_sin[first::2]).reshape(-1, *k.shape[1:])
+            b_sin[first::2] = (j.mixed.T @ flat_cos[odd::2]).reshape(-1, *k.shape[1:])
+            first = odd if odd else 2
+            b_sin[first::2] = (j.sines @ flat_sin[first::2]).reshape(-1, *k.shape[1:])
+            along[: l + 1] += b_cos * a_cos
+            along[: l + 1] += b_sin * a_sin
+            across[: l + 1] += b_sin * a_cos
+            across[: l + 1] -= b_cos * a_sin
+        found = np.einsum("ucn,un->nc", along, np.cos(m[:, None] * beta))
+        found += np.einsum("ucn,un->nc", across, np.sin(m[:, None] * beta))
+        return np.asarray(found)
+
+
+def directly(b: Brdf, light: Light, normal: Float64Array, view: Float64Array, *, mirror: bool) -> Float64Array:
+    """What directional lights add, sum_k E_k f(w_k, v) max(n.w_k, 0), and, if asked, the environment in b's mirror
+    part; unit (n, 3) normals and views above their horizons."""
+    found = np.zeros((len(normal), max(len(b.channels), len(light.channels))))
+    frames = _frames(normal, view)
+    local_view = np.einsum("nij,ni->nj", frames, view)
+    assert light.irradiances is not None
+    for towards, power in zip(light.directions, light.irradiances):
+        w = np.einsum("nij,i->nj", frames, towards)
+        lit = w[:, 2] > 0
+        if lit.any():
+            found[lit] += b.evaluate_vectors(w[lit], local_view[lit]) * (w[lit, 2:] * power)
+    if mirror and b.has_delta and len(normal):
+        theta = np.arctan2(np.hypot(local_view[:, 0], local_view[:, 1]), local_view[:, 2])
+        back = 2 * local_view[:, 2:] * normal - view
+        found += light.radiance(back) * b.delta_reflectance(np.minimum(theta, np.pi / 2))
+    return found
+
+
+class _LightMatrices:
+    """J D_z(-alpha) c of one degree: two matrices times cos m alpha and sin m alpha of even and of odd l + m."""
+
+    def __init__(self, l: int, c: Float64Array) -> None:  # noqa: E741
+        j = swaps(_table(l))[l]
+        channels, self.l = c.shape[1], l
+        self.cos, self.sin = (np.zeros((l + 1, channels, (l + 2 - start) // 2, 2)) for start in (l % 2, 1 - l % 2))
+        for l_odd, target in ((False, self.cos), (True, self.sin)):
+            m = orders_of(l, l_odd, False)
+            a, b = c[l + m], np.where((m > 0)[:, None], c[l - m], 0.0)
+            # the turned coefficients: a cos + b sin for cosines, b cos - a sin for sines
+            turned_cos = np.stack([a, b], axis=-1)
+            turned_sin = np.stack([b, -a], axis=-1)[m > 0]
+            rows = orders_of(l, l_odd, True)
+            if not l_odd:
+                target[m] = np.einsum("um,mct->ucmt", j.cosines, turned_cos)
+                target[orders_of(l, True, False)] = _placed(j.mixed, turned_sin, m)
+            else:
+                target[orders_of(l, False, True)] = np.einsum("um,mct->ucmt", j.mixed.T, turned_cos)
+                target[rows] = _placed(j.sines, turned_sin, m)
+        self.cos, self.sin = (t.reshape((l + 1) * channels, -1) for t in (self.cos, self.sin))
+
+    def times(self, waves: tuple[Float64Array, Float64Array]) -> tuple[Float64Array, Float64Array]:
+        """a of cosines and of sines, (l + 1, channels, normals)."""
+        even, odd = (waves[self.l % 2], waves[1 - self.l % 2])
+        cos, sin = self.cos @ even[: self.cos.shape[1]], self.sin @ odd[: self.sin.shape[1]]
+        return cos.reshape(self.l + 1, -1, even.shape[1]), sin.reshape(self.l + 1, -1, even.shape[1])
+
+
+def _placed(j: Float64Array, turned: Float64Array, m: npt.NDArray[np.int64]) -> Float64Array:
+    """J times turned sines, with a column of 0 for m = 0 where the class has one."""
+    found = np.zeros((len(j), turned.shape[1], len(m), 2))
+    found[:, :, m > 0] = np.einsum("um,mct->ucmt", j, turned)
+    return found
+
+
+def _light_matrices(light: Light) -> list[_LightMatrices]:
+    return [_LightMatrices(l, light.coefficients[l * l : (l + 1) ** 2]) for l in range(light.lmax + 1)]
+
+
+def _interleaved(angle: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """cos and sin of every even order, one after the other, and of every odd one: prefixes serve lower degrees."""
+    both = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return both[0::2].reshape(-1, angle.shape[1]), both[1::2].reshape(-1, angle.shape[1])
+
+
+def _table(lmax: int) -> int:
+    """J of a power of two: few tables for many degrees."""
+    return min(max(1 << max(lmax - 1, 0).bit_length(), 32), MAX_ROTATED)
+
+
+def _angles(normal: Float64Array, view: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Euler angles of the frames with the normal along z and the view at phi = 0; any gamma where they coincide."""
+    x, y, z = normal.T
+    alpha, beta = np.arctan2(y, x), np.arctan2(np.hypot(x, y), z)
+    first = np.stack([np.cos(alpha) * np.cos(beta), np.sin(alpha) * np.cos(beta), -np.sin(beta)], axis=1)
+    second = np.stack([-np.sin(alpha), np.cos(alpha), np.zeros_like(alpha)], axis=1)
+    return alpha, beta, np.arctan2((view * second).sum(axis=1), (view * first).sum(axis=1))
+
+
+def _frames(normal: Float64Array, view: Float64Array) -> Float64Array:
+    """(n, 3, 3): columns are the axes x, y, z of those frames, in the world."""
+    alpha, beta, gamma = _angles(normal, view)
+    ca, sa, cb, sb, cg, sg = (f(t) for t in (alpha, beta, gamma) for f in (np.cos, np.sin))
+    first = np.stack([ca * cb, sa * cb, -sb], axis=1)
+    second = np.stack([-sa, ca, np.zeros_like(sa)], axis=1)
+    x = cg[:, None] * first + sg[:, None] * second
+    return np.stack([x, np.cross(normal, x), normal], axis=2)
+
+
+def relight(
+    b: Brdf,
+    light: Light,
+    normals: npt.ArrayLike,
+    views: npt.ArrayLike,
+    *,
+    lmax: int | None = None,
+    progress: Progress | None = None,
+) -> Float64Array:
+    """Radiance towards `views` (..., 3) from surfaces of material `b` with `normals` (..., 3), under `light`.
+
+    Parameters
+    ----------
+    b : Brdf
+        An expansion of `bc.project` is used as it is; anything else is expanded first, to the degree of the light.
+        Directional lights and the mirror part are reflected by `b` itself.
+    light : Light
+        Environment and directional lights.
+    normals, views : array_like
+        Of shape (..., 3), away from the surface, in the frame of the light; they broadcast.
+    lmax : int, optional
+        Degree of light to use; default: all it has.
+
+    Returns
+    -------
+    numpy.ndarray
+        Radiance, float64 (..., channels); 0 where the view is below the surface. `Transfer` serves many calls.
+    """
+    from brdfcore.harmonics.projection import expanded
+
+    if not isinstance(light, Light):
+        raise InputError("bad_light", "light: expected a brdfcore.Light, for example Light.from_map(pixels)")
+    light = light if lmax is None or lmax >= light.lmax else light.truncated(lmax)
+    if isinstance(b, HarmonicExpansion):
+        return Transfer(b, light.lmax).radiance(light, normals, views, progress)
+    given = flatten_vectors(normals, views)
+    found = np.zeros((len(given.wi), len(Channels.common(b.channels, light.channels))))
+    if light.coefficients.any():
+        made = expanded(b, max(light.lmax, 1), progress=progress)
+        made.delta, made.has_delta = None, False
+        sky = Light(light.coefficients, light.channels, light.left_out)
+        found += Transfer(made, light.lmax).radiance(sky, given.wi, given.wo, progress)
+    seen = np.flatnonzero((given.wi * given.wo).sum(axis=1) > 0)
+    found[seen] += directly(b, light, given.wi[seen], given.wo[seen], mirror=True)
+    return found.reshape(*given.shape, -1)
