@@ -19,6 +19,7 @@ a = J D_z(-alpha) c, b = J D_z(gamma) k: products of matrices of some degrees ti
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -31,15 +32,17 @@ from brdfcore.errors import InputError
 from brdfcore.harmonics.expansion import HarmonicExpansion
 from brdfcore.harmonics.legendre import checked_degree, degrees, legendre
 from brdfcore.harmonics.light import Light
+from brdfcore.harmonics.moments import _one_blas_thread
 from brdfcore.harmonics.rotation import MAX_ROTATED, orders_of, swaps
 from brdfcore.harmonics.targets import TARGETS
+from brdfcore.kernels.launch import threads
 from brdfcore.quadrature import gauss_legendre
 from brdfcore.tables.base import Progress
 
 Float64Array = npt.NDArray[np.float64]
 
 #: Bytes of k of the normals that are done together.
-_BYTES = 8_000_000
+_BYTES = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +74,17 @@ class Transfer:
         if light.coefficients.any():
             step = int(np.clip(_BYTES // (8 * self._size * len(self.expansion.channels)), 16, 1_024))
             matrices = _light_matrices(light)
-            for k in range(0, len(seen), step):
-                part = seen[k : k + step]
+            self._orders  # noqa: B018  (made once, before threads ask for it)
+            parts = [seen[k : k + step] for k in range(0, len(seen), step)]
+
+            def reflect(part: npt.NDArray[np.int64]) -> None:
                 found[part] = self._reflected(matrices, light, normal[part], view[part])
-                if progress is not None:
-                    progress(min(k + step, len(seen)), len(seen), "relighting")
+
+            # parts beside each other, each with the plain product: BLAS's own threads wait for each other
+            with _one_blas_thread(), ThreadPoolExecutor(threads()) as pool:
+                for done, _ in enumerate(pool.map(reflect, parts), 1):
+                    if progress is not None:
+                        progress(done, len(parts), "relighting")
         found[seen] += directly(self.expansion, light, normal[seen], view[seen], mirror=True)
         return found.reshape(*given.shape, -1)
 
