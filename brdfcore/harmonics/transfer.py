@@ -19,6 +19,7 @@ a = J D_z(-alpha) c, b = J D_z(gamma) k: products of matrices of some degrees ti
 
 from __future__ import annotations
 
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.brdf import Brdf, Channels
-from brdfcore.conventions import flatten_vectors
+from brdfcore.conventions import Vectors, flatten_vectors
 from brdfcore.errors import InputError
 from brdfcore.harmonics.expansion import HarmonicExpansion
 from brdfcore.harmonics.legendre import checked_degree, degrees, legendre
@@ -65,28 +66,34 @@ class Transfer:
         Exactly 0 where the view is below the surface. Near the horizon of the view the quotient by c_o makes errors of
         the target larger: the target's norm holds for c_o L_o.
         """
-        light = light if light.lmax <= self.lmax else light.truncated(self.lmax)
-        channels = Channels.common(self.expansion.channels, light.channels)
-        given = flatten_vectors(normals, views)
-        normal, view = given.wi, given.wo
-        found = np.zeros((len(normal), len(channels)))
-        seen = np.flatnonzero((normal * view).sum(axis=1) > 0)
-        if light.coefficients.any():
-            step = int(np.clip(_BYTES // (8 * self._size * len(self.expansion.channels)), 16, 1_024))
-            matrices = _light_matrices(light)
-            self._orders  # noqa: B018  (made once, before threads ask for it)
-            parts = [seen[k : k + step] for k in range(0, len(seen), step)]
-
-            def reflect(part: npt.NDArray[np.int64]) -> None:
-                found[part] = self._reflected(matrices, light, normal[part], view[part])
-
-            # parts beside each other, each with the plain product: BLAS's own threads wait for each other
-            with _one_blas_thread(), ThreadPoolExecutor(threads()) as pool:
-                for done, _ in enumerate(pool.map(reflect, parts), 1):
-                    if progress is not None:
-                        progress(done, len(parts), "relighting")
-        found[seen] += directly(self.expansion, light, normal[seen], view[seen], mirror=True)
+        given = flatten_pairs(normals, views)
+        found = self.environment(light, given.wi, given.wo, progress)
+        found += directly(self.expansion, light, given.wi, given.wo)
         return found.reshape(*given.shape, -1)
+
+    def environment(
+        self, light: Light, normal: Float64Array, view: Float64Array, progress: Progress | None = None
+    ) -> Float64Array:
+        """What the regular part makes of the environment alone; unit (n, 3) normals and views."""
+        light = light if light.lmax <= self.lmax else light.truncated(self.lmax)
+        found = np.zeros((len(normal), len(Channels.common(self.expansion.channels, light.channels))))
+        if not light.coefficients.any():
+            return found
+        seen = np.flatnonzero((normal * view).sum(axis=1) > 0)
+        step = int(np.clip(_BYTES // (8 * self._size * len(self.expansion.channels)), 16, 1_024))
+        matrices = _light_matrices(light)
+        self._orders  # noqa: B018  (made once, before threads ask for it)
+        parts = [seen[k : k + step] for k in range(0, len(seen), step)]
+
+        def reflect(part: npt.NDArray[np.int64]) -> None:
+            found[part] = self._reflected(matrices, light, normal[part], view[part])
+
+        # parts beside each other, each with the plain product: BLAS's own threads wait for each other
+        with _one_blas_thread(), ThreadPoolExecutor(threads()) as pool:
+            for done, _ in enumerate(pool.map(reflect, parts), 1):
+                if progress is not None:
+                    progress(done, len(parts), "relighting")
+        return found
 
     @property
     def _size(self) -> int:
@@ -158,22 +165,24 @@ class Transfer:
         return np.asarray(found)
 
 
-def directly(b: Brdf, light: Light, normal: Float64Array, view: Float64Array, *, mirror: bool) -> Float64Array:
-    """What directional lights add, sum_k E_k f(w_k, v) max(n.w_k, 0), and, if asked, the environment in b's mirror
-    part; unit (n, 3) normals and views above their horizons."""
+def directly(b: Brdf, light: Light, normal: Float64Array, view: Float64Array) -> Float64Array:
+    """What directional lights add, sum_k E_k f(w_k, v) max(n.w_k, 0), and the environment in b's mirror part; unit
+    (n, 3) normals and views."""
     found = np.zeros((len(normal), max(len(b.channels), len(light.channels))))
     frames = _frames(normal, view)
     local_view = np.einsum("nij,ni->nj", frames, view)
+    seen = (normal * view).sum(axis=1) > 0
     assert light.irradiances is not None
     for towards, power in zip(light.directions, light.irradiances):
         w = np.einsum("nij,i->nj", frames, towards)
-        lit = w[:, 2] > 0
+        lit = seen & (w[:, 2] > 0)
         if lit.any():
             found[lit] += b.evaluate_vectors(w[lit], local_view[lit]) * (w[lit, 2:] * power)
-    if mirror and b.has_delta and len(normal):
-        theta = np.arctan2(np.hypot(local_view[:, 0], local_view[:, 1]), local_view[:, 2])
-        back = 2 * local_view[:, 2:] * normal - view
-        found += light.radiance(back) * b.delta_reflectance(np.minimum(theta, np.pi / 2))
+    if b.has_delta and seen.any() and light.coefficients.any():
+        x, y, z = local_view[seen].T
+        back = 2 * z[:, None] * normal[seen] - view[seen]
+        mirrored = b.delta_reflectance(np.minimum(np.arctan2(np.hypot(x, y), z), np.pi / 2))
+        found[seen] += light.radiance(back) * mirrored
     return found
 
 
@@ -247,48 +256,58 @@ def _frames(normal: Float64Array, view: Float64Array) -> Float64Array:
     return np.stack([x, np.cross(normal, x), normal], axis=2)
 
 
+def flatten_pairs(normals: npt.ArrayLike, views: npt.ArrayLike) -> Vectors:
+    """Unit (n, 3) normals and views, broadcast; `InputError` that calls them so."""
+    try:
+        return flatten_vectors(normals, views)
+    except InputError as error:
+        names = {"wi": "normals", "wo": "views"}
+
+        def named(text: str) -> str:
+            return re.sub(r"\b(wi|wo)\b", lambda found: names[found[0]], text)
+
+        context = {k: named(v) if isinstance(v, str) else v for k, v in error.context.items()}
+        raise InputError(error.code, named(error.detail), **context) from error
+
+
 def relight(
     b: Brdf,
     light: Light,
     normals: npt.ArrayLike,
     views: npt.ArrayLike,
     *,
-    lmax: int | None = None,
+    expansion: HarmonicExpansion | None = None,
     progress: Progress | None = None,
 ) -> Float64Array:
-    """Radiance towards `views` (..., 3) from surfaces of material `b` with `normals` (..., 3), under `light`.
+    """Radiance towards `views` from surfaces of material `b` with these `normals`, under `light`.
 
     Parameters
     ----------
     b : Brdf
-        An expansion of `bc.project` is used as it is; anything else is expanded first, to the degree of the light.
-        Directional lights and the mirror part are reflected by `b` itself.
+        Directional lights and the mirror part are reflected by `b` itself, exactly; environments by its expansion.
     light : Light
         Environment and directional lights.
     normals, views : array_like
         Of shape (..., 3), away from the surface, in the frame of the light; they broadcast.
-    lmax : int, optional
-        Degree of light to use; default: all it has.
+    expansion : HarmonicExpansion, optional
+        Of `b`, from `bc.project`; default: made here, to the degree of the light.
+    progress : callable(done, total, stage), optional
 
     Returns
     -------
     numpy.ndarray
-        Radiance, float64 (..., channels); 0 where the view is below the surface. `Transfer` serves many calls.
+        Radiance, float64 (..., channels); 0 where the view is below the surface. How far it may be off near the
+        horizon of the view: `Transfer.radiance`.
     """
     from brdfcore.harmonics.projection import expanded
 
     if not isinstance(light, Light):
         raise InputError("bad_light", "light: expected a brdfcore.Light, for example Light.from_map(pixels)")
-    light = light if lmax is None or lmax >= light.lmax else light.truncated(lmax)
-    if isinstance(b, HarmonicExpansion):
-        return Transfer(b, light.lmax).radiance(light, normals, views, progress)
-    given = flatten_vectors(normals, views)
-    found = np.zeros((len(given.wi), len(Channels.common(b.channels, light.channels))))
+    given = flatten_pairs(normals, views)
+    Channels.common(b.channels, light.channels)
+    found = directly(b, light, given.wi, given.wo)
     if light.coefficients.any():
-        made = expanded(b, max(light.lmax, 1), progress=progress)
-        made.delta, made.has_delta = None, False
-        sky = Light(light.coefficients, light.channels, light.left_out)
-        found += Transfer(made, light.lmax).radiance(sky, given.wi, given.wo, progress)
-    seen = np.flatnonzero((given.wi * given.wo).sum(axis=1) > 0)
-    found[seen] += directly(b, light, given.wi[seen], given.wo[seen], mirror=True)
+        made = expansion if expansion is not None else b if isinstance(b, HarmonicExpansion) else None
+        made = made if made is not None else expanded(b, max(light.lmax, 1), progress=progress)
+        found = found + Transfer(made, light.lmax).environment(light, given.wi, given.wo, progress)
     return found.reshape(*given.shape, -1)
