@@ -32,7 +32,7 @@ from app.state import state_of
 
 _EXAMPLE = '{"normals": [[0, 0, 1]], "views": [[0, 0, 1]], "lights": [{"direction": [1, 0, 1], "irradiance": 3}]}'
 _FIELDS, _LIGHT_FIELDS = ("normals", "views", "map", "lights"), ("direction", "irradiance")
-#: Numbers of one request: normals times this are compared with the limit of points, as each costs as many look-ups.
+#: Normals times this, or times the directional lights, may be as many as points: each costs as much as ten look-ups.
 _COST = 10
 
 
@@ -72,10 +72,10 @@ def relight_routes(address: Address) -> APIRouter:
     @router.post(
         f"{address.prefix}/relight",
         summary="radiance under an environment and directional lights",
-        description="An equirectangular map of radiances (row 0 at the zenith +z, azimuth from +x towards +y along each "
-        "row), directional lights, or both; the radiance that surfaces with the given normals send towards the views. "
-        "The environment is reflected through spherical harmonics to degree lmax, directional lights exactly. JSON, or "
-        "the map as a .npy file with normals and views in the query.",
+        description="An equirectangular map of radiances (row 0 at the zenith +z, azimuth from +x towards +y along "
+        "each row), directional lights, or both; the radiance that surfaces with the given normals send towards the "
+        "views. The environment is reflected through spherical harmonics to degree lmax, directional lights exactly. "
+        "JSON, or the map as a .npy file with normals and views in the query.",
         operation_id=f"relight_{address.label}",
         responses=answers(
             {"application/json": {"schema": ref(RelightAnswer)}},
@@ -103,7 +103,7 @@ def relight_routes(address: Address) -> APIRouter:
         if kind == "octet":
             raise MediaTypeError(
                 "unsupported_media_type",
-                f"the body must be {MEDIA_TYPES['json']} or {MEDIA_TYPES['npy']}: bare numbers do not say how wide a map is",
+                "bare numbers do not say how wide a map is: send a .npy file, or JSON",
                 where="Content-Type",
                 got=MEDIA_TYPES[kind],
                 expected=f"{MEDIA_TYPES['json']}, {MEDIA_TYPES['npy']}",
@@ -135,7 +135,7 @@ def relight_routes(address: Address) -> APIRouter:
 
 
 def _from_json(text: bytes, lmax: int) -> _Asked:
-    content = _object(load(text, _EXAMPLE), "body", _FIELDS)
+    content = {k: v for k, v in _object(load(text, _EXAMPLE), "body", _FIELDS).items() if v is not None}
     for name in ("normals", "views"):
         if name not in content:
             raise bc.InputError(
@@ -197,24 +197,20 @@ def _check(asked: _Asked, channels: int, settings: Settings) -> None:
     check_points(normals * max(_COST, len(asked.lights)), settings)
     check_values(normals * channels, settings)
     if asked.map is not None:
-        check_points(
-            asked.map.size // (asked.map.shape[2] if asked.map.ndim == 3 and asked.map.shape[2] else 1), settings
-        )
+        check_points(int(np.prod(asked.map.shape[:2])), settings)
 
 
 def _relit(expansions: Expansions, material: Material, asked: _Asked) -> bytes:
     brdf = material.brdf
-    light, told = None, None
+    light: bc.Light | None = None
+    told: dict[str, Any] | None = None
+    made: bc.HarmonicExpansion | None = None
     for towards, power in asked.lights:
-        one = bc.Light.directional(towards, power, channels=_channels(brdf, power))
+        one = bc.Light.directional(towards, power, channels=_channels(brdf, power.size))
         light = one if light is None else light + one
-    made = None
     if asked.map is not None:
-        environment = bc.Light.from_map(
-            asked.map,
-            asked.lmax,
-            channels=_channels(brdf, asked.map[0, 0] if asked.map.ndim == 3 and asked.map.size else np.zeros(1)),
-        )
+        last = asked.map.shape[2:]
+        environment = bc.Light.from_map(asked.map, asked.lmax, channels=_channels(brdf, last[0] if last else 1))
         light = environment if light is None else environment + light
         errors = environment.error_by_degree()
         made = expansions.get(material, Degree(asked.lmax))
@@ -234,6 +230,6 @@ def _relit(expansions: Expansions, material: Material, asked: _Asked) -> bytes:
     return b'{"radiance":%b,%b' % (array_to_json(radiance.reshape(-1, radiance.shape[-1])), to_json(rest)[1:])
 
 
-def _channels(brdf: bc.Brdf, last: npt.NDArray[Any]) -> bc.Channels | None:
+def _channels(brdf: bc.Brdf, size: int) -> bc.Channels | None:
     """The material's channels for a light of as many."""
-    return brdf.channels if np.size(last) == len(brdf.channels) else None
+    return brdf.channels if size == len(brdf.channels) else None

@@ -82,9 +82,9 @@ def map_coefficients(pixels: npt.NDArray[Any], lmax: int) -> Float64Array:
     Azimuth: the integral of exp(-i m phi) over a pixel times the discrete Fourier transform of each row. Polar angle:
     int p_l^m sin theta dtheta over a row by Gauss-Legendre; p sin theta is a sum of waves of at most l + 1 periods.
     """
-    rows, columns, channels = pixels.shape
-    # n nodes integrate exp(i k x) over [-1, 1] to rounding from about n = k/2 + 8
-    n = int(np.ceil(8 + (lmax + 1) * np.pi / (4 * rows)))
+    rows, channels = pixels.shape[0], pixels.shape[2]
+    # n nodes integrate exp(i k x) over [-1, 1] to rounding from about n = k/2 + 8, many waves from some more
+    n = int(np.ceil(9 + 0.7 * (lmax + 1) * np.pi / (2 * rows)))
     x, w = np.polynomial.legendre.leggauss(n)
     step = np.pi / rows
     theta = step * (np.arange(rows)[:, None] + 0.5 * (x + 1))

@@ -1,8 +1,8 @@
 """Rotation of real spherical harmonics by orthogonal matrices that keep their digits at any degree.
 
-About z a rotation turns (cos m phi, sin m phi) pairs. Any other is made of such turns and of J, which exchanges y and z:
-R_y(beta) = J R_z(-beta) J (D. Pinchon and P. Hoggan 2007, DOI 10.1088/1751-8113/40/7/011). J's entries are Wigner's
-d^l_mk(pi/2), by upward recursion in l at fixed m, k from 2^-m binom(2m, m-k)^1/2: it grows until the functions
+About z a rotation turns pairs of cos m phi and sin m phi. Any other is made of such turns and of J, which exchanges y
+and z: R_y(beta) = J R_z(-beta) J (D. Pinchon and P. Hoggan 2007, DOI 10.1088/1751-8113/40/7/011). J's entries are
+Wigner's d^l_mk(pi/2), by upward recursion in l at fixed m, k from 2^-m binom(2m, m-k)^1/2: it grows until the functions
 oscillate, so rounding is not amplified. Three quarters of them are 0 by parity, and J is its own inverse.
 """
 

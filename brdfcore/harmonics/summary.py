@@ -1,4 +1,4 @@
-"""What is worth telling of an expansion: its errors by degree, where its energy lies, how negative it gets, its size."""
+"""What is worth telling of an expansion: errors by degree, where its energy lies, how negative it gets, its size."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ In the frame of the normal, with the view at phi = 0,
     H^m_ll' = 2 pi int_0^1 x^(1-q) p_l^m p_l'^m dx,   e_0 = 1, e_m = sqrt(2)
 
 c' are the light's coefficients in that frame, q and p how many cosines the target has (`harmonics.targets`): rho's
-functions are extended over the horizon, so only the upper half of the light counts, and H couples even with odd degrees.
+functions are extended over the horizon, so the upper half of the light counts alone, and H couples odd l with even l'.
 What is exact: this sum is the integral of the truncated light times the truncated f c_i over the hemisphere.
 
 With R = R_z(alpha) R_y(beta) R_z(gamma) and R_y = J R_z J (`harmonics.rotation`) half of the rotation is done to the
@@ -61,8 +61,8 @@ class Transfer:
     ) -> Float64Array:
         """L_o towards `views` (..., 3) from surfaces with `normals` (..., 3), which broadcast; (..., channels).
 
-        light    its environment to degree `lmax`; directional lights by the expansion's own f_r. The expansion's mirror
-                 part reflects the environment, as its coefficients say, and no directional light: that would be a delta.
+        light    its environment to degree `lmax`; directional lights by the expansion's own f_r. The mirror part
+                 reflects the environment, as its coefficients say, and no directional light: that would be a delta.
         Exactly 0 where the view is below the surface. Near the horizon of the view the quotient by c_o makes errors of
         the target larger: the target's norm holds for c_o L_o.
         """
@@ -133,7 +133,7 @@ class Transfer:
         self, matrices: list[_LightMatrices], light: Light, normal: Float64Array, view: Float64Array
     ) -> Float64Array:
         alpha, beta, gamma = _angles(normal, view)
-        cosines, sines = self._kernel(np.minimum((normal * view).sum(axis=1), 1.0))
+        cosines, sines = self._kernel(_cosine(normal, view))
         m = np.arange(light.lmax + 1)
         waves = _interleaved(m[:, None] * alpha)
         cos_g, sin_g = np.cos(m[:, None, None] * gamma), np.sin(m[:, None, None] * gamma)
@@ -192,8 +192,8 @@ class _LightMatrices:
     def __init__(self, l: int, c: Float64Array) -> None:  # noqa: E741
         j = swaps(_table(l))[l]
         channels, self.l = c.shape[1], l
-        self.cos, self.sin = (np.zeros((l + 1, channels, (l + 2 - start) // 2, 2)) for start in (l % 2, 1 - l % 2))
-        for l_odd, target in ((False, self.cos), (True, self.sin)):
+        cos, sin = (np.zeros((l + 1, channels, (l + 2 - start) // 2, 2)) for start in (l % 2, 1 - l % 2))
+        for l_odd, target in ((False, cos), (True, sin)):
             m = orders_of(l, l_odd, False)
             a, b = c[l + m], np.where((m > 0)[:, None], c[l - m], 0.0)
             # the turned coefficients: a cos + b sin for cosines, b cos - a sin for sines
@@ -206,7 +206,7 @@ class _LightMatrices:
             else:
                 target[orders_of(l, False, True)] = np.einsum("um,mct->ucmt", j.mixed.T, turned_cos)
                 target[rows] = _placed(j.sines, turned_sin, m)
-        self.cos, self.sin = (t.reshape((l + 1) * channels, -1) for t in (self.cos, self.sin))
+        self.cos, self.sin = (t.reshape((l + 1) * channels, -1) for t in (cos, sin))
 
     def times(self, waves: tuple[Float64Array, Float64Array]) -> tuple[Float64Array, Float64Array]:
         """a of cosines and of sines, (l + 1, channels, normals)."""
@@ -223,7 +223,7 @@ def _placed(j: Float64Array, turned: Float64Array, m: npt.NDArray[np.int64]) -> 
 
 
 def _light_matrices(light: Light) -> list[_LightMatrices]:
-    return [_LightMatrices(l, light.coefficients[l * l : (l + 1) ** 2]) for l in range(light.lmax + 1)]
+    return [_LightMatrices(l, light.coefficients[l * l : (l + 1) ** 2]) for l in range(light.lmax + 1)]  # noqa: E741
 
 
 def _interleaved(angle: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -244,6 +244,13 @@ def _angles(normal: Float64Array, view: Float64Array) -> tuple[Float64Array, Flo
     first = np.stack([np.cos(alpha) * np.cos(beta), np.sin(alpha) * np.cos(beta), -np.sin(beta)], axis=1)
     second = np.stack([-np.sin(alpha), np.cos(alpha), np.zeros_like(alpha)], axis=1)
     return alpha, beta, np.arctan2((view * second).sum(axis=1), (view * first).sum(axis=1))
+
+
+def _cosine(normal: Float64Array, view: Float64Array) -> Float64Array:
+    """cos theta_o of unit vectors; near 1 from the sine, as rounding of the product would move theta_o by 1e-8."""
+    product = (normal * view).sum(axis=1)
+    sine = np.minimum(np.linalg.norm(np.cross(normal, view), axis=1), 1.0)
+    return np.where(product > 0.8, np.sqrt((1 - sine) * (1 + sine)), np.minimum(product, 1.0))
 
 
 def _frames(normal: Float64Array, view: Float64Array) -> Float64Array:
