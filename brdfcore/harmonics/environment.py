@@ -20,6 +20,8 @@ Float64Array = npt.NDArray[np.float64]
 
 #: Largest map, pixels: one of 16,384 x 8,192.
 MAX_PIXELS = 1 << 27
+#: Largest radiance: squares of larger ones, summed, would not fit into a float64.
+LARGEST = 1e140
 #: Values of p_l^m, and of a map's rows in Fourier space, held at a time.
 _VALUES = 4_000_000
 
@@ -47,11 +49,12 @@ def checked_map(pixels: npt.ArrayLike) -> npt.NDArray[Any]:
             limit=MAX_PIXELS,
         )
     for r, row in enumerate(found):
-        if not np.isfinite(row).all():
-            index = [r, *(int(k) for k in np.argwhere(~np.isfinite(row))[0])]
+        bad = ~(np.abs(row, dtype=np.float64) <= LARGEST)  # true for NaN
+        if bad.any():
+            index = [r, *(int(k) for k in np.argwhere(bad)[0])]
             raise InputError(
                 "bad_map",
-                f"map{index} = {found[tuple(index)]}: expected finite radiances",
+                f"map{index} = {found[tuple(index)]}: expected finite radiances up to {LARGEST:g}",
                 where="map",
                 index=index,
                 got=str(found[tuple(index)]),

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from brdfcore.brdf import Channels
 from brdfcore.conventions import as_float, flatten_vectors
 from brdfcore.errors import InputError
-from brdfcore.harmonics.environment import checked_map, map_coefficients, map_energy
+from brdfcore.harmonics.environment import LARGEST, checked_map, map_coefficients, map_energy
 from brdfcore.harmonics.irradiance import irradiance_factors
 from brdfcore.harmonics.legendre import SphericalHarmonics, checked_degree
 from brdfcore.harmonics.rotation import MAX_ROTATED, checked_rotation, rotated
@@ -56,7 +56,7 @@ class Light:
             raise _bad("coefficients", c.shape, f"((lmax+1)^2, {len(self.channels)})")
         checked_degree(lmax, MAX_ROTATED)
         towards = self.directions
-        if np.size(towards):
+        if np.shape(towards) != (0, 3):
             towards = flatten_vectors(towards, (0.0, 0.0, 1.0)).wi
         power = np.zeros((0, len(self.channels))) if self.irradiances is None else self.irradiances
         power = np.array(as_float("irradiance", power), np.float64)
@@ -66,6 +66,8 @@ class Light:
         for name, values in (("coefficients", c), ("irradiance", power)):
             if not np.isfinite(values).all():
                 raise InputError("not_finite", f"{name}: expected finite numbers", where=name)
+            if values.size and np.abs(values).max() > 10 * LARGEST:
+                raise InputError("too_bright", f"{name}: expected numbers up to {LARGEST:g}", where=name)
         for name, values in (
             ("coefficients", c), ("directions", np.array(towards)), ("irradiances", power), ("left_out", left)
         ):  # fmt: skip
