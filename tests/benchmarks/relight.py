@@ -2,11 +2,11 @@
 
 Two environments, made here as maps of a million pixels: a smooth sky over ground, and the same with a sun of half a
 degree, 40 degrees high, five times the sky's irradiance. The reference is a sum over all pixels above the surface of
-radiance times solid angle times f_r times cosine, with f_r from the file itself: no harmonics in it. `halved` is how far
-the same sum over every second column is off, more than what the million pixels are off by.
+radiance times solid angle times f_r times cosine, with f_r from the file itself: no harmonics in it. `halved` is how
+far the same sum over every second column is off, more than what the million pixels are off by.
 
-Errors are relative RMS over pairs of normal and view (seeded, theta_o up to 80 degrees) and channels. The degree is that
-of material and light both. "sun apart": the sky in harmonics, the sun a directional light, reflected by the file.
+Errors are relative RMS over pairs of normal and view (seeded, theta_o up to 80 degrees) and channels. The degree is
+that of material and light both. "sun apart": the sky in harmonics, the sun a directional light, reflected by the file.
 """
 
 from __future__ import annotations
