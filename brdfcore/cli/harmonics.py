@@ -12,7 +12,7 @@ import typer
 from brdfcore.atomic import replacing
 from brdfcore.brdf import Brdf
 from brdfcore.cli import arguments
-from brdfcore.cli.make import Force, Json, _may_write
+from brdfcore.cli.make import Force, Json, may_write
 from brdfcore.cli.output import as_json, bytes_text, facts, line, progress_bar, warn
 from brdfcore.errors import InputError
 
@@ -63,7 +63,7 @@ def harmonics(
             "bad_extension", f"{out}: expected a name ending in .h5, .png or .svg", where="--out", got=kind
         )
     if out is not None:
-        _may_write(out, force or kind != "h5")  # a picture is replaced, as by brdf plot
+        may_write(out, force or kind != "h5")  # a picture is replaced, as by brdf plot
     lights = np.asarray(arguments.angle("theta_i", arguments.numbers("--theta-i", theta_i), "deg"))
     b = arguments.load(source)
     start = time.perf_counter()

@@ -28,8 +28,8 @@ Float64Array = npt.NDArray[np.float64]
 MAX_BYTES = 2_000_000_000
 #: Directions dropped from an order may cost this part of the truncation error, in quadrature 0.5 % of it.
 FACTOR_SHARE = 0.1
-#: ... and this part of the norm of what is kept: where a narrow lobe leaves most of the target out, the truncation error
-#: is no measure of what may be dropped of the rest.
+#: ... and this part of the norm of what is kept: where a narrow lobe leaves most of the target out, the truncation
+#: error is no measure of what may be dropped of the rest.
 _KEPT_SHARE = 0.01
 #: Quadrature is refined while its error is above this part of the truncation error (in quadrature: 0.1 % of it), ...
 _QUADRATURE_SHARE = 0.05

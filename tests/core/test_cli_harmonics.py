@@ -50,7 +50,7 @@ def test_tables_and_pictures(run: Run, tmp_path: Path) -> None:
     assert "--force" in err
     for name, begins in (("a.png", b"\x89PNG"), ("a.svg", b"<?xml")):
         for _ in range(2):  # a picture is replaced
-            code, out, _ = run("harmonics", SOURCE, "--lmax", 5, "--window", "hann", "-o", tmp_path / name)
+            code, _, _ = run("harmonics", SOURCE, "--lmax", 5, "--window", "hann", "-o", tmp_path / name)
             assert code == 0
         assert (tmp_path / name).read_bytes().startswith(begins)
 
