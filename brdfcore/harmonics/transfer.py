@@ -250,7 +250,7 @@ def _cosine(normal: Float64Array, view: Float64Array) -> Float64Array:
     """cos theta_o of unit vectors; near 1 from the sine, as rounding of the product would move theta_o by 1e-8."""
     product = (normal * view).sum(axis=1)
     sine = np.minimum(np.linalg.norm(np.cross(normal, view), axis=1), 1.0)
-    return np.where(product > 0.8, np.sqrt((1 - sine) * (1 + sine)), np.minimum(product, 1.0))
+    return np.asarray(np.where(product > 0.8, np.sqrt((1 - sine) * (1 + sine)), np.minimum(product, 1.0)))
 
 
 def _frames(normal: Float64Array, view: Float64Array) -> Float64Array:

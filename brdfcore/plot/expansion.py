@@ -74,7 +74,7 @@ def expansion(
         _errors(_axes(figure, size, 0, 2, True), told)
         _spectrum(_axes(figure, size, 1, 2, True), told)
         drawn = [
-            _slice(_axes(figure, size, k, lights.size, False), b, expanded, float(light), pick, k == 0)
+            _slice(_axes(figure, size, k, lights.size, False), b, expanded, float(light), pick, k == 0, lights.size > 3)
             for k, light in enumerate(lights)
         ]
         notes = [
@@ -156,7 +156,9 @@ def _spectrum(axes: Axes, told: dict[str, Any]) -> None:
     axes.legend(fontsize=7.5, loc="lower left", edgecolor="none", framealpha=0.9)
 
 
-def _slice(axes: Axes, b: Brdf, expanded: HarmonicExpansion, light: float, pick: int, first: bool) -> Array:
+def _slice(
+    axes: Axes, b: Brdf, expanded: HarmonicExpansion, light: float, pick: int, first: bool, narrow: bool
+) -> Array:
     """Draw one slice; the expansion's values."""
     theta = np.radians(np.linspace(-90, 90, _DIRECTIONS))
     cosine, phi = np.cos(theta), np.where(theta >= 0, np.pi, 0.0)
@@ -172,11 +174,8 @@ def _slice(axes: Axes, b: Brdf, expanded: HarmonicExpansion, light: float, pick:
     top = max(float(np.nanmax(original[inner])), float(found[inner].max()), 1e-300)
     low = min(float(found[inner].min()), 0.0)
     axes.set(xlim=(-90, 90), ylim=(low - 0.04 * (top - low), top + 0.06 * (top - low)))
-    axes.set_xticks(
-        [-90, -60, -30, 0, 30, 60, 90],
-        [f"{t}°".replace("-", "−") for t in (-90, -60, -30, 0, 30, 60, 90)],
-        fontsize=7.5,
-    )
+    ticks = (-90, -45, 0, 45, 90) if narrow else (-90, -60, -30, 0, 30, 60, 90)
+    axes.set_xticks(ticks, [f"{t}°".replace("-", "−") for t in ticks], fontsize=7.5)
     axes.tick_params(axis="y", labelsize=7.5)
     axes.set_title(f"light at θᵢ = {style.degrees_text(light)}", fontsize=9, loc="left")
     axes.set_xlabel("viewer θₒ", fontsize=8.5, labelpad=2)
