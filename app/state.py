@@ -47,6 +47,8 @@ class State:
     #: matplotlib shares font caches between figures and holds the interpreter's lock: drawing two at once
     #: is neither safe nor faster, and must not take the threads that evaluate needs.
     drawing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
+    #: A projection takes all cores, and seconds: those who wait for one must not take the seats of the others.
+    projecting: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
     #: Threads that parse, evaluate and encode: many more than there are cores only take the interpreter's lock from
     #: each other and from the event loop.
     working: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2 * (os.cpu_count() or 1)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from anyio.to_thread import run_sync
@@ -10,8 +11,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 import brdfcore as bc
-from app.addressing import Address
+from app.addressing import Address, Addressed
 from app.angles import AngleRequest, in_radians, in_request_units
+from app.drawing import picture
 from app.expansions import Degree, Expansions, check_lmax
 from app.json_codec import to_json
 from app.library import Material
@@ -82,7 +84,7 @@ def harmonics_routes(address: Address) -> APIRouter:
         unchanged = found.unchanged(request, headers)
         if unchanged is not None:
             return unchanged
-        body = await run_sync(_told, state.expansions, found.material, asked, limiter=state.large)
+        body = await run_sync(_told, state.expansions, found.material, asked, limiter=state.projecting)
         return Response(body, 200, headers, media_type="application/json")
 
     for format in ("png", "svg"):
@@ -103,7 +105,7 @@ def _add_picture(router: APIRouter, address: Address, format: str) -> None:
         ),
         openapi_extra=parameters(PICTURE_QUERY, [address.parameter]),
     )
-    async def picture(request: Request) -> Response:
+    async def harmonics_picture(request: Request) -> Response:
         state = state_of(request)
         given = parse_query(request.scope["query_string"], PICTURE_QUERY)
         asked = _asked(given, state)
@@ -116,13 +118,11 @@ def _add_picture(router: APIRouter, address: Address, format: str) -> None:
         unchanged = found.unchanged(request, headers)
         if unchanged is not None:
             return unchanged
-        held = state.pictures.get(headers["etag"])
-        if held is None:
+        if state.pictures.get(headers["etag"]) is None:
             # not among those who draw: they would wait for a projection
-            made = await run_sync(state.expansions.get, found.material, asked, limiter=state.large)
-            held = await run_sync(_drawn, found.material, made, given, format, limiter=state.drawing)
-            state.pictures.put(headers["etag"], held, len(held))
-        return Response(held, 200, headers, media_type=media_type)
+            await run_sync(state.expansions.get, found.material, asked, limiter=state.projecting)
+        drawn = await picture(state, headers["etag"], partial(_drawn, state.expansions, found, asked, given, format))
+        return Response(drawn, 200, headers, media_type=media_type)
 
 
 def _asked(given: dict[str, Any], state: State) -> Degree:
@@ -134,12 +134,11 @@ def _told(expansions: Expansions, material: Material, asked: Degree) -> bytes:
     return to_json({**bc.harmonic_summary(expansions.get(material, asked)), "id": material.id})
 
 
-def _drawn(material: Material, made: bc.HarmonicExpansion, given: dict[str, Any], format: str) -> bytes:
-    theta_i, unit = given["theta_i"], given["angles"]
+def _drawn(expansions: Expansions, found: Addressed, asked: Degree, given: dict[str, Any], format: str) -> bytes:
+    brdf, theta_i, unit = found.material.brdf, given["theta_i"], given["angles"]
+    made = expansions.get(found.material, asked)
     try:
-        figure = bc.plot.expansion(
-            material.brdf, made, in_radians(theta_i, unit), channel=given["channel"], title=material.name
-        )
+        figure = bc.plot.expansion(brdf, made, in_radians(theta_i, unit), channel=given["channel"], title=found.title)
     except bc.InputError as error:
         raise in_request_units(error, AngleRequest(theta_i, theta_i, theta_i, unit)) from error
     drawn: bytes = bc.plot.render(figure, format)

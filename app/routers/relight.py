@@ -19,7 +19,7 @@ from app.angles import check_points, check_values
 from app.binary import map_from_npy
 from app.bodies import read_array, read_bytes
 from app.errors import MediaTypeError
-from app.expansions import Degree, Expansions, check_lmax
+from app.expansions import Degree, check_lmax
 from app.json_codec import array_to_json, load, to_json, unknown_field
 from app.library import Material
 from app.negotiation import MEDIA_TYPES, kind_of_body
@@ -128,7 +128,10 @@ def relight_routes(address: Address) -> APIRouter:
             text = await read_bytes(request, *limits)
             asked = await run_sync(_from_json, text, given["lmax"], limiter=state.working)
         _check(asked, len(found.material.brdf.channels), settings)
-        body = await run_sync(_relit, state.expansions, found.material, asked, limiter=state.large)
+        made: bc.HarmonicExpansion | None = None
+        if asked.map is not None:
+            made = await run_sync(state.expansions.get, found.material, Degree(asked.lmax), limiter=state.projecting)
+        body = await run_sync(_relit, found.material, asked, made, limiter=state.large)
         return Response(body, 200, {"cache-control": "no-store"}, media_type="application/json")
 
     return router
@@ -200,11 +203,10 @@ def _check(asked: _Asked, channels: int, settings: Settings) -> None:
         check_points(int(np.prod(asked.map.shape[:2])), settings)
 
 
-def _relit(expansions: Expansions, material: Material, asked: _Asked) -> bytes:
+def _relit(material: Material, asked: _Asked, made: bc.HarmonicExpansion | None) -> bytes:
     brdf = material.brdf
     light: bc.Light | None = None
     told: dict[str, Any] | None = None
-    made: bc.HarmonicExpansion | None = None
     for towards, power in asked.lights:
         one = bc.Light.directional(towards, power, channels=_channels(brdf, power.size))
         light = one if light is None else light + one
@@ -213,7 +215,6 @@ def _relit(expansions: Expansions, material: Material, asked: _Asked) -> bytes:
         environment = bc.Light.from_map(asked.map, asked.lmax, channels=_channels(brdf, last[0] if last else 1))
         light = environment if light is None else environment + light
         errors = environment.error_by_degree()
-        made = expansions.get(material, Degree(asked.lmax))
         told = {"lmax": asked.lmax, "error": float(errors[-1]), "error_by_degree": errors}
     assert light is not None
     radiance = bc.relight(brdf, light, asked.normals, asked.views, expansion=made)
