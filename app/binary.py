@@ -113,6 +113,32 @@ def _npy_array(
     return flat.reshape(shape[::-1]).T if fortran else flat.reshape(shape)
 
 
+def map_from_npy(body: Bytes) -> npt.NDArray[Any]:
+    """The pixels of a .npy body of shape (h, w) or (h, w, channels). Raises `MalformedBodyError` for no such file."""
+    dtype, fortran, shape, start = _npy_header(body)
+    expected = "a .npy array of shape (h, w) or (h, w, channels), float32 or float64"
+    if dtype not in ("<f4", "<f8", ">f4", ">f8", "=f4", "=f8") or len(shape) not in (2, 3):
+        raise bc.InputError(
+            "bad_array",
+            f"the array is {dtype} of shape {shape}; expected {expected}",
+            where="body",
+            got=f"{dtype} {shape}",
+            expected=expected,
+        )
+    wanted = math.prod(shape) * int(dtype[2])
+    if len(body) - start != wanted:
+        raise MalformedBodyError(
+            "bad_npy",
+            f"the file declares {wanted} bytes of data and has {len(body) - start}",
+            where="body",
+            offset=start,
+            got=len(body) - start,
+            expected=wanted,
+        )
+    flat = body[start:].view(dtype.replace("=", "<"))
+    return flat.reshape(shape, order="F" if fortran else "C")
+
+
 def npy_head(shape: tuple[int, ...], dtype: str) -> bytes:
     """What stands before the data of a .npy file (format 1.0), a multiple of 64 bytes long."""
     text = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".encode()

@@ -32,6 +32,7 @@ class Settings(BaseModel):
     max_points: int = Field(1_000_000, ge=1, description="most points of one evaluate request")
     max_values: int = Field(4_000_000, ge=1, description="most values (points x channels) of one JSON answer")
     max_theta_i: int = Field(16, ge=1, description="most angles of incidence in one slice")
+    max_lmax: int = Field(64, ge=1, le=256, description="largest degree of an expansion in spherical harmonics")
     max_body_bytes: int = Field(64 * MB, ge=1, description="most bytes of a request body, counted as received")
     max_json_bytes: int = Field(
         2 * MB, ge=1, description="most bytes of a JSON body of angles or vectors; plain numbers take max_body_bytes"

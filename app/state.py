@@ -11,6 +11,7 @@ from typing import cast
 from anyio import CapacityLimiter
 from starlette.requests import Request
 
+from app.expansions import Expansions
 from app.jobs import Jobs
 from app.library import Library
 from app.lru import ByteLru
@@ -37,6 +38,8 @@ class State:
     pictures: ByteLru[str, bytes] = field(default_factory=lambda: ByteLru(PICTURE_BYTES))
     #: Pictures that are being drawn or wait for it, by ETag.
     drawn: dict[str, asyncio.Task[bytes]] = field(default_factory=dict)
+    #: Expansions in spherical harmonics that were asked for.
+    expansions: Expansions = field(default_factory=Expansions)
     #: True once the kernels are compiled and one figure was drawn.
     ready: bool = False
     #: True once the process was told to end: what could go on for ever ends then.
@@ -44,6 +47,8 @@ class State:
     #: matplotlib shares font caches between figures and holds the interpreter's lock: drawing two at once
     #: is neither safe nor faster, and must not take the threads that evaluate needs.
     drawing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
+    #: A projection takes all cores, and seconds: those who wait for one must not take the seats of the others.
+    projecting: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
     #: Threads that parse, evaluate and encode: many more than there are cores only take the interpreter's lock from
     #: each other and from the event loop.
     working: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2 * (os.cpu_count() or 1)))

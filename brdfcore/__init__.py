@@ -37,6 +37,10 @@ _PUBLIC = {
     "tabulate": "brdfcore.build",
     "project": "brdfcore.expand",
     "project_slice": "brdfcore.harmonics.slices",
+    "harmonic_summary": "brdfcore.harmonics.summary",
+    "HarmonicExpansion": "brdfcore.harmonics.expansion",
+    "Light": "brdfcore.harmonics.light",
+    "relight": "brdfcore.harmonics.transfer",
     "open_table": "brdfcore.tables.store",
     "read": "brdfcore.io",
     "sniff": "brdfcore.io",
@@ -74,7 +78,11 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.errors import StorageError as StorageError
     from brdfcore.errors import UnknownNameError as UnknownNameError
     from brdfcore.expand import project as project
+    from brdfcore.harmonics.expansion import HarmonicExpansion as HarmonicExpansion
+    from brdfcore.harmonics.light import Light as Light
     from brdfcore.harmonics.slices import project_slice as project_slice
+    from brdfcore.harmonics.summary import harmonic_summary as harmonic_summary
+    from brdfcore.harmonics.transfer import relight as relight
     from brdfcore.io import read as read
     from brdfcore.io import sniff as sniff
     from brdfcore.io import write as write

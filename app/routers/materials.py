@@ -54,6 +54,7 @@ def links(name: str, facts: dict[str, Any]) -> dict[str, str]:
         "albedo": f"{by_name}/albedo?theta_i=0,30,60",
         "checks": f"{by_name}/checks",
         "gloss": f"{by_name}/gloss",
+        "harmonics": f"{by_name}/harmonics?lmax=16",
         "report": f"{by_name}/report",
         "coverage": f"{by_name}/coverage.svg",
         "permanent": by_id,

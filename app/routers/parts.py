@@ -11,6 +11,8 @@ from app.routers.albedo import albedo_routes
 from app.routers.checks import check_routes
 from app.routers.evaluate import evaluate_routes
 from app.routers.gloss import gloss_routes
+from app.routers.harmonics import harmonics_routes
+from app.routers.relight import relight_routes
 from app.routers.report import report_routes
 from app.routers.slices import slice_routes
 from app.routers.sphere import sphere_routes
@@ -22,5 +24,7 @@ PARTS: tuple[Callable[[Address], APIRouter], ...] = (
     albedo_routes,
     check_routes,
     gloss_routes,
+    harmonics_routes,
+    relight_routes,
     report_routes,
 )

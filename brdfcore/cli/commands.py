@@ -1,4 +1,4 @@
-"""The commands of `brdf` that look at a material: models, info, eval, plot. Those that make one: `cli.make`."""
+"""The commands of `brdf` that look at a material: models, info, eval, plot. Others: `cli.make`, `cli.harmonics`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import typer
 import brdfcore
 from brdfcore.atomic import replacing
 from brdfcore.brdf import Brdf
-from brdfcore.cli import arguments, check, gloss, make, repair, reports
+from brdfcore.cli import arguments, check, gloss, harmonics, make, repair, reports
 from brdfcore.cli.output import as_json, error_lines, facts, line, parameter_lines
 from brdfcore.conventions import ANGLE_NAMES, broadcast_shape
 from brdfcore.errors import InputError
@@ -386,3 +386,4 @@ check.add_to(app)
 gloss.add_to(app)
 repair.add_to(app)
 reports.add_to(app)
+harmonics.add_to(app)

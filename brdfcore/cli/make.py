@@ -193,6 +193,7 @@ def serve(
     max_theta_i: Annotated[
         int | None, typer.Option(help="Most angles of incidence of a slice.", show_default=False)
     ] = None,
+    max_lmax: Annotated[int | None, typer.Option(help="Largest degree of an expansion.", show_default=False)] = None,
     max_upload_bytes: Annotated[
         str | None, typer.Option(metavar="BYTES", help="Largest upload, e.g. 256MiB.", show_default=False)
     ] = None,
@@ -237,6 +238,7 @@ def serve(
         head_seconds=head_seconds,
         max_values=max_values,
         max_theta_i=max_theta_i,
+        max_lmax=max_lmax,
         max_upload_bytes=_bytes("--max-upload-bytes", max_upload_bytes),
         upload_seconds=upload_seconds,
         max_table_bytes=_bytes("--max-table-bytes", max_table_bytes),

@@ -108,6 +108,12 @@ class AsyncMaterial(Described):
         found: dict[str, Any] = await self._run(exchanges.analysis(self.id, "gloss"))
         return found
 
+    async def harmonics(self, lmax: int = 32, *, target: str = "f_cos_cos", window: str = "none") -> dict[str, Any]:
+        """What `bc.harmonic_summary` tells of an expansion to degree lmax, made by the service: errors, spectrum."""
+        query = {"lmax": lmax, "target": target, "window": window}
+        found: dict[str, Any] = await self._run(exchanges.analysis(self.id, "harmonics", query))
+        return found
+
     @overload
     async def slice(
         self, theta_i: npt.ArrayLike, *, view: View = ..., format: Literal["json"] = ..., channel: Channel = ...

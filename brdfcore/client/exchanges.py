@@ -180,7 +180,7 @@ def slice(id: str, theta_i: npt.ArrayLike, format: str, **looks: Any) -> Exchang
 
 
 def analysis(id: str, name: str, query: Mapping[str, Any] | None = None) -> Exchange[dict[str, Any]]:
-    """What the service says of a material under `name`: "checks" or "gloss"."""
+    """What the service says of a material under `name`: "checks", "gloss" or "harmonics"."""
     answer: Answer = yield calls.get("tables", id, name, query=query)
     found = answer.json()
     if not isinstance(found, dict):

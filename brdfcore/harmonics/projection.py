@@ -28,6 +28,9 @@ Float64Array = npt.NDArray[np.float64]
 MAX_BYTES = 2_000_000_000
 #: Directions dropped from an order may cost this part of the truncation error, in quadrature 0.5 % of it.
 FACTOR_SHARE = 0.1
+#: ... and this part of the norm of what is kept: where a narrow lobe leaves most of the target out, the truncation
+#: error is no measure of what may be dropped of the rest.
+_KEPT_SHARE = 0.01
 #: Quadrature is refined while its error is above this part of the truncation error (in quadrature: 0.1 % of it), ...
 _QUADRATURE_SHARE = 0.05
 #: and while the two rules' truncation errors differ by more than this part, ...
@@ -185,6 +188,8 @@ def build_expansion(b: Brdf, found: Projected, window: str) -> HarmonicExpansion
     plain = float(target_error(m).sum())
     # sines and cosines that mirror each other would not through bases found for each side
     budget = 0.0 if found.symmetric and not packed else FACTOR_SHARE**2 * float(target_error(m, windowed).sum())
+    held = sum(block.weight * float((r * r).sum()) for block, r in zip(m.blocks, windowed))
+    budget = min(budget, _KEPT_SHARE**2 * held)
     if budget < _SINGLE_FROM**2 * FACTOR_SHARE**2 * total:
         budget = 0.0  # principal directions of squares are good to half of float64's digits
     orders = factored(m.blocks, windowed, budget, packed)

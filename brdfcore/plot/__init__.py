@@ -1,7 +1,7 @@
 """Pictures of any `Brdf`, and the numbers they are drawn from.
 
-`slice`, `SliceData` and `render_sphere` need numpy alone; `polar`, `hemisphere`, `sphere` (matplotlib Figures) and
-`render` (a Figure as PNG or SVG bytes) import matplotlib when first used.
+`slice`, `SliceData` and `render_sphere` need numpy alone; `polar`, `hemisphere`, `sphere`, `expansion` (matplotlib
+Figures) and `render` (a Figure as PNG or SVG bytes) import matplotlib when first used.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ _PUBLIC = {
     "sphere": "brdfcore.plot.sphere",
     "render_sphere": "brdfcore.plot.lit",
     "coverage": "brdfcore.plot.coverage",
+    "expansion": "brdfcore.plot.expansion",
     "render": "brdfcore.plot.rendering",
 }
 

@@ -21,6 +21,9 @@ def test_the_service_answers_as_the_library(client: Client, local: dict[str, bc.
     assert mirror.checks() == {**checks, "id": mirror.id}
     gloss = json.loads(json.dumps(bc.gloss(local["mirror"]).to_json()))
     assert mirror.gloss() == {**gloss, "id": mirror.id}
+    grid = client.material("gold-grid")
+    told = bc.harmonic_summary(bc.project(local["gold-grid"], 3, window="hann"))
+    assert grid.harmonics(3, window="hann") == {**json.loads(json.dumps(told)), "id": grid.id}
 
 
 def test_asyncio(folder: Path, client: Client) -> None:
@@ -29,6 +32,7 @@ def test_asyncio(folder: Path, client: Client) -> None:
             mirror = await c.material("mirror")
             assert await mirror.checks() == client.material("mirror").checks()
             assert await mirror.gloss() == client.material("mirror").gloss()
+            assert await mirror.harmonics(2) == client.material("mirror").harmonics(2)
 
     asyncio.run(work())
 
