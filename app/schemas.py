@@ -277,6 +277,7 @@ class TabulateOptions(Strict):
     interpolation: str = Field(
         "linear",
         max_length=64,
+        pattern=f"^(?:{'|'.join(_INTERPOLATIONS)})$",
         description="between the nodes, if the representation offers it",
         json_schema_extra={"enum": list(_INTERPOLATIONS)},
     )

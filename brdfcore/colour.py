@@ -122,7 +122,8 @@ def to_rgb(b: Brdf, illuminant: str = "D65", *, space: str = "sRGB", largest_gap
 def _observer(illuminant: str, space: str) -> tuple[Float64Array, Float64Array, Float64Array]:
     """(weights (waves, 3) that turn a spectrum into XYZ, matrix from there to `space`, XYZ of the white)."""
     try:
-        import colour
+        with np.printoptions():  # the library sets numpy's for the whole process, and pictures' ids are made of text
+            import colour
     except ImportError as error:
         raise missing_extra("colour-science", "colour", "colours of spectra") from error
     known: Any = colour.SDS_ILLUMINANTS

@@ -281,7 +281,7 @@ def _operation(method: str, path: str, operation: Mapping[str, Any], schemas: Ma
                 "docs_parameter.html",
                 name=name,
                 where="body, JSON",
-                need="required" if name in schema["required"] else f"default: {field.get('default')}",
+                need="required" if name in schema.get("required", ()) else f"default: {field.get('default')}",
                 description=field.get("description", ""),
             )
             for name, field in schema["properties"].items()

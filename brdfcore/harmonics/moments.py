@@ -63,7 +63,7 @@ def moments(b: Brdf, target: Target, rule: Rule, progress: Progress | None = Non
     slabs = work.slabs()
     # several slabs beside each other, each with the plain product: BLAS's own threads wait for each other, which on a
     # busy machine takes ten times as long as the work
-    with _one_blas_thread(), ThreadPoolExecutor(threads()) as pool:
+    with one_blas_thread(), ThreadPoolExecutor(threads()) as pool:
         for done, _ in enumerate(pool.map(work.sum_over_theta_o, slabs), 1):
             if progress is not None:
                 progress(done, len(slabs), "projecting")
@@ -79,7 +79,7 @@ def moments(b: Brdf, target: Target, rule: Rule, progress: Progress | None = Non
 
 
 @contextlib.contextmanager
-def _one_blas_thread() -> Iterator[None]:
+def one_blas_thread() -> Iterator[None]:
     try:
         from threadpoolctl import threadpool_limits
     except ImportError as error:

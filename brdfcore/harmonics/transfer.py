@@ -33,7 +33,7 @@ from brdfcore.errors import InputError
 from brdfcore.harmonics.expansion import HarmonicExpansion
 from brdfcore.harmonics.legendre import checked_degree, degrees, legendre
 from brdfcore.harmonics.light import Light
-from brdfcore.harmonics.moments import _one_blas_thread
+from brdfcore.harmonics.moments import one_blas_thread
 from brdfcore.harmonics.rotation import MAX_ROTATED, orders_of, swaps
 from brdfcore.harmonics.targets import TARGETS
 from brdfcore.kernels.launch import threads
@@ -89,7 +89,7 @@ class Transfer:
             found[part] = self._reflected(matrices, light, normal[part], view[part])
 
         # parts beside each other, each with the plain product: BLAS's own threads wait for each other
-        with _one_blas_thread(), ThreadPoolExecutor(threads()) as pool:
+        with one_blas_thread(), ThreadPoolExecutor(threads()) as pool:
             for done, _ in enumerate(pool.map(reflect, parts), 1):
                 if progress is not None:
                     progress(done, len(parts), "relighting")

@@ -13,6 +13,7 @@ import brdfcore as bc
 from brdfcore.analysis.plan import MERL_BYTES, Plan, decide
 from brdfcore.analysis.plan_build import MANIFEST, build
 from brdfcore.analysis.scene import Selected, read_scene
+from brdfcore.registry import REPRESENTATIONS
 from tests.core.conftest import Run
 from tests.core.sources import Skewed
 from tests.core.test_pareto import entry
@@ -242,7 +243,8 @@ def test_scene_files_that_are_none(text: str, tmp_path: Path) -> None:
         read_scene(path)
 
 
-def test_command_line(run: Run, folder: Path, tmp_path: Path) -> None:
+def test_command_line(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(REPRESENTATIONS, "names", lambda: FEW["representations"])
     content = {"materials": [WALL, {"name": "car", "file": "paint.h5", "error": 0.05, "channels": ["R"]}]}
     (folder / "scene.json").write_text(json.dumps(content))
     code, text, err = run("plan", folder / "scene.json", "--build", tmp_path / "out")

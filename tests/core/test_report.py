@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 import brdfcore as bc
+from brdfcore.registry import REPRESENTATIONS
 from brdfcore.reporting import words
 from brdfcore.reporting.appearance import appearance, flip
 from brdfcore.reporting.error_map import error_map
@@ -123,7 +124,7 @@ def test_pictures_and_markdown(made: Report) -> None:
     assert "\\<script\\>" in text
     for item in made.items:
         for e in item.found.entries:
-            assert e.variant in text
+            assert e.variant.replace("_", "\\_") in text
     with pytest.raises(bc.InputError):
         made.render("pdf")  # type: ignore[arg-type]
 
@@ -176,7 +177,8 @@ def test_file_names(label: str, name: str) -> None:
     assert file_name(label) == name
 
 
-def test_command_line(run: Run, tmp_path: Path) -> None:
+def test_command_line(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(REPRESENTATIONS, "names", lambda: FEW["representations"])
     out = tmp_path / "white.json"
     code, text, err = run("report", "lambert:reflectance=0.5", "-o", out, "--no-peers", "--seconds", "1")
     assert (code, err) == (0, "")
