@@ -13,7 +13,8 @@ from brdfcore.brdf import Channels
 from brdfcore.formats.measurements import Measurements, to_brdf
 from tests.core import goniometer
 
-pytest.importorskip("colour")
+with np.printoptions():  # which the library sets for the whole process
+    pytest.importorskip("colour")
 
 BANDS = Channels([float(w) for w in range(400, 701, 10)], "wavelength")
 
