@@ -19,7 +19,6 @@ TABLES = {
         True,
     ),
     "accuracy": (["accuracy", "--markdown"], True),
-    "report": (["report"], True),
     "tables": (["tables", "measured", "analytic", "speed"], False),
     "lookup": (["lookup"], False),
 }
