@@ -7,8 +7,27 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from brdfcore.brdf import Brdf
-from brdfcore.errors import InputError
+from brdfcore.errors import InputError, LimitError, StorageError
 from brdfcore.parameters import Parameter
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """A file as a whole. `LimitError` above `most` bytes, before any is read; `StorageError` if it can't be opened."""
+    try:
+        size = path.stat().st_size
+        data = path.read_bytes() if size <= most else b""
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise StorageError("cannot_open", f"{path}: {reason}", where=str(path), got=reason) from error
+    if size > most:
+        raise LimitError(
+            "file_too_large",
+            f"{path.name}: {size} bytes; at most {most} are read",
+            where=path.name,
+            got=size,
+            limit=most,
+        )
+    return data
 
 
 class LossWarning(UserWarning):

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from brdfcore.atomic import replacing
 from brdfcore.brdf import VALUE, Brdf, Channels
 from brdfcore.conventions import HALF_PI
-from brdfcore.errors import BrdfError, FileFormatError, InputError, LimitError, StorageError
-from brdfcore.formats.base import Format, LossWarning
+from brdfcore.errors import BrdfError, FileFormatError, InputError
+from brdfcore.formats.base import Format, LossWarning, read_bytes
 from brdfcore.formats.measurements import Measurements, to_brdf
 from brdfcore.formats.openmaterial_text import COLUMNS, Rows, bad, compose, offset_of, parse
 from brdfcore.formats.openmaterial_write import KEY, document, node_rows
@@ -86,7 +86,7 @@ class OpenMaterialFormat(Format):
         """Read a file. `StorageError` if it can't be opened, `LimitError` above `MAX_BYTES`, `FileFormatError` naming
         file, field and byte offset if it is damaged or not within the standard's limits."""
         given = resolve("format 'openmaterial'", self.PARAMETERS, options)
-        data = _bytes_of(path)
+        data = read_bytes(path, MAX_BYTES)
         return _Reader(path.name, data, parse(data, path.name), given).brdf()
 
     def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
@@ -102,23 +102,6 @@ class OpenMaterialFormat(Format):
             temporary.write_bytes(compose(content, rows))
         for text in losses:
             warnings.warn(text, LossWarning, stacklevel=2)
-
-
-def _bytes_of(path: Path) -> bytes:
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise LimitError(
-                "file_too_large",
-                f"{path.name}: {size} bytes; at most {MAX_BYTES} are read",
-                where=path.name,
-                got=size,
-                limit=MAX_BYTES,
-            )
-        return path.read_bytes()
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise StorageError("cannot_open", f"{path}: {reason}", where=str(path), got=reason) from error
 
 
 class _Reader:

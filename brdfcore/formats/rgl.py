@@ -15,8 +15,8 @@ import numpy.typing as npt
 from brdfcore.atomic import replacing
 from brdfcore.brdf import RGB, Brdf, Channels
 from brdfcore.conventions import THETA_MAX
-from brdfcore.errors import FileFormatError, InputError, LimitError, StorageError
-from brdfcore.formats.base import Format
+from brdfcore.errors import FileFormatError, InputError
+from brdfcore.formats.base import Format, read_bytes
 from brdfcore.formats.import_report import measures_of
 from brdfcore.formats.rgl_fields import fields_of_table
 from brdfcore.formats.tensor_file import MAGIC, Field, TensorFile, damaged, decode, encode
@@ -72,7 +72,7 @@ class RglFormat(Format):
         damaged or anisotropic, `LimitError` above `MAX_BYTES`.
         """
         choice = resolve("format 'rgl'", self.PARAMETERS, options)["negatives"]
-        data = _bytes_of(path)
+        data = read_bytes(path, MAX_BYTES)
         return _Reader(path.name, data).table(choice)
 
     def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
@@ -93,25 +93,6 @@ class RglFormat(Format):
         fields = brdf._auxiliary if brdf._auxiliary is not None else fields_of_table(brdf)
         with replacing(path) as temporary:
             temporary.write_bytes(encode(fields))
-
-
-def _bytes_of(path: Path) -> bytes:
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise LimitError(
-                "file_too_large",
-                f"{path.name}: {size} bytes; at most {MAX_BYTES} are read",
-                where=path.name,
-                got=size,
-                limit=MAX_BYTES,
-            )
-        return path.read_bytes()
-    except OSError as error:
-        if isinstance(error, StorageError):
-            raise
-        reason = error.strerror or str(error)
-        raise StorageError("cannot_open", f"{path}: {reason}", where=str(path), got=reason) from error
 
 
 class _Reader:

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from brdfcore.errors import FileFormatError, LimitError, StorageError
+from brdfcore.errors import FileFormatError
+from brdfcore.formats.base import read_bytes
 
 #: Largest file and longest line read, bytes; most lines, and numbers kept of a file: together below 200 MB of memory.
 #: Real files have a few MB and lines of 1 kB.
@@ -32,21 +33,7 @@ class TextFile:
 
     def __init__(self, path: Path) -> None:
         self.name = path.name
-        try:
-            size = path.stat().st_size
-            if size > MAX_BYTES:
-                raise LimitError(
-                    "file_too_large",
-                    f"{path.name}: {size} bytes; at most {MAX_BYTES} are read of a text",
-                    where=path.name,
-                    got=size,
-                    limit=MAX_BYTES,
-                )
-            raw = path.read_bytes()
-        except OSError as error:
-            if isinstance(error, StorageError):
-                raise
-            raise StorageError("cannot_open", f"{path}: {error.strerror or error}", where=str(path)) from error
+        raw = read_bytes(path, MAX_BYTES)
         self.bytes, self.sha256 = len(raw), hashlib.sha256(raw).hexdigest()
         if not raw.strip():
             raise self.bad(1, "", "the file is empty", "text")

@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from brdfcore.atomic import replacing
 from brdfcore.brdf import VALUE, Brdf, Channels
-from brdfcore.errors import FileFormatError, InputError, LimitError, StorageError
-from brdfcore.formats.base import Format, LossWarning
+from brdfcore.errors import FileFormatError, InputError
+from brdfcore.formats.base import Format, LossWarning, read_bytes
 from brdfcore.formats.measurements import ANISOTROPY
 from brdfcore.formats.one_channel import OneChannel
 from brdfcore.formats.zemax_text import ZemaxFile, bad, compose, parse
@@ -100,7 +100,7 @@ class ZemaxFormat(Format):
         """Read a file. `StorageError` if it can't be opened, `LimitError` above `MAX_BYTES`, `FileFormatError` naming
         file, field and byte offset if it is damaged, holds transmission, or is anisotropic."""
         given = resolve("format 'zemax'", self.PARAMETERS, options)
-        data = _bytes_of(path)
+        data = read_bytes(path, MAX_BYTES)
         return _table(parse(data, path.name), path.name, data, given)
 
     def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
@@ -119,23 +119,6 @@ class ZemaxFormat(Format):
                 LossWarning,
                 stacklevel=2,
             )
-
-
-def _bytes_of(path: Path) -> bytes:
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise LimitError(
-                "file_too_large",
-                f"{path.name}: {size} bytes; at most {MAX_BYTES} are read",
-                where=path.name,
-                got=size,
-                limit=MAX_BYTES,
-            )
-        return path.read_bytes()
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise StorageError("cannot_open", f"{path}: {reason}", where=str(path), got=reason) from error
 
 
 def _table(content: ZemaxFile, file: str, data: bytes, given: dict[str, Any]) -> SpecularGrid:
