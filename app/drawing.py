@@ -7,11 +7,14 @@ from collections.abc import Callable
 
 from anyio.to_thread import run_sync
 
+from app.artist import Artist
 from app.errors import BusyError
+from app.library import Material
+from app.pictures import Picture, draw
 from app.state import State
 
-#: Pictures that may wait to be drawn; a start page shows 24. Each takes a tenth of a second or two.
-WAITING = 96
+#: Pictures that may wait to be drawn; a start page shows 24. Each takes a twentieth of a second, a sphere a quarter.
+WAITING = 256
 _RETRY = 5
 
 
@@ -37,6 +40,12 @@ async def picture(state: State, etag: str, draw: Callable[[], bytes]) -> bytes:
         task.add_done_callback(_seen)
     # one who goes away does not take the picture from the others
     return await asyncio.shield(task)
+
+
+def draw_with(artist: Artist | None, material: Material, wanted: Picture) -> bytes:
+    """The picture by the process that draws; here, where there is none or the material's file has changed."""
+    made = artist.draw(material, wanted) if artist is not None else None
+    return made if made is not None else draw(material.brdf, wanted)
 
 
 async def _drawn(state: State, etag: str, draw: Callable[[], bytes]) -> bytes:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import brdfcore as bc
+from app.children import environment, rebuilt
 from app.errors import BusyError, NotFoundError, describe, status_of
 from app.settings import Settings
 from app.storing import Condition, Store
@@ -242,7 +243,7 @@ class Jobs:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,
-                env=_environment(),
+                env=environment(),
             )
         with process:
             with self._changed:
@@ -261,7 +262,7 @@ class Jobs:
         if job.ended:
             return {}
         if "problem" in said:
-            raise _rebuilt(said["problem"])
+            raise rebuilt(said["problem"])
         if "made" not in said:
             raise self._died(job, process.returncode)
         if job.kind == "pareto":
@@ -324,20 +325,6 @@ def _failed(job: Job, error: Exception) -> dict[str, Any]:
         said = describe(error)
         said["detail"] = said["detail"].replace(f"{job.folder}/", "")
     return {"state": "failed", "problem": {"status": status_of(error), **said}}
-
-
-def _environment() -> dict[str, str]:
-    """That of the service, without its key, and with all of its places to import from."""
-    kept = {k: v for k, v in os.environ.items() if k != "BRDF_API_KEY"}
-    return {**kept, "PYTHONPATH": os.pathsep.join([os.getcwd() if p == "" else p for p in sys.path])}
-
-
-def _rebuilt(problem: dict[str, Any]) -> bc.BrdfError:
-    """The error that the process told of."""
-    kind = getattr(bc, str(problem.get("kind")), bc.BrdfError)
-    context = problem.get("context") or {}
-    made: bc.BrdfError = kind(str(problem["code"]), str(problem["detail"]), **context)
-    return made
 
 
 def _time(seconds: float) -> str:

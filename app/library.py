@@ -42,6 +42,7 @@ class Material:
     """A loaded material. `facts` is what lists and metadata say of it; `tag` changes whenever they do."""
 
     name: str
+    path: Path
     brdf: bc.Brdf
     id: str
     nbytes: int
@@ -256,7 +257,7 @@ class Library:
         if known is not None and known.stamp == stamp and known.error is not None:
             raise _damaged(name, known.error)  # it was read in this state and will not have healed
         try:
-            material = _open(name, path, kind)
+            material = open_material(name, path, kind)
         except Exception as raised:
             # whatever a stranger's file does to the reader, the list and the other materials go on
             if not path.exists():  # deleted a moment ago
@@ -293,7 +294,8 @@ def _stamp(path: str) -> Stamp | None:
     return (info.st_ino, info.st_mtime_ns, info.st_size) if stat.S_ISREG(info.st_mode) else None
 
 
-def _open(name: str, path: Path, kind: Kind) -> Material:
+def open_material(name: str, path: Path, kind: Kind) -> Material:
+    """Read a material's file. Raises what the library's readers raise."""
     brdf: bc.Brdf
     if kind == "table":
         brdf = table = bc.open_table(path)
@@ -305,7 +307,7 @@ def _open(name: str, path: Path, kind: Kind) -> Material:
     facts = {"name": name, "kind": kind, "id": id, "nbytes": nbytes, "error": {}, "source": {}, **described}
     facts["id"] = id
     tag = hashlib.sha256(json.dumps(facts, sort_keys=True, default=str).encode()).hexdigest()
-    return Material(name, brdf, id, nbytes, facts, tag)
+    return Material(name, path, brdf, id, nbytes, facts, tag)
 
 
 def _model_id(brdf: bc.Brdf) -> str:

@@ -22,6 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 import brdfcore as bc
 from app import openapi, process
 from app.access_log import AccessLog
+from app.artist import Artist
 from app.boundary import Boundary
 from app.errors import problem
 from app.hotpath import HotPath
@@ -42,16 +43,18 @@ def create_app(settings: Settings | None = None, *, warm: bool = True) -> FastAP
     """The application over a data folder.
 
     settings  default: BRDF_* variables and defaults.
-    warm      compile the kernels in the background as soon as it starts; /health/ready tells when it is done.
+    warm      compile the kernels and start a process that draws, in the background, as soon as it starts;
+              /health/ready tells when it is done. Without it pictures are drawn in a thread.
     """
     settings = settings or Settings.load()
     library = Library(settings.data, settings.cache_bytes)
     store = Store(settings.data, library)
-    state = State(settings, library, store, Jobs(settings, store), Metrics())
+    state = State(settings, library, store, Jobs(settings, store), Metrics(), artist=Artist() if warm else None)
 
     def warm_then_ready() -> None:
         if warm:
-            warm_up(state.library)
+            assert state.artist is not None
+            warm_up(state.library, state.artist)
             # what is loaded by now stays: the collector need not look through it again and again
             gc.collect()
             gc.freeze()
@@ -64,6 +67,8 @@ def create_app(settings: Settings | None = None, *, warm: bool = True) -> FastAP
         threading.Thread(target=warm_then_ready, name=WARM_UP, daemon=True).start()
         yield
         state.jobs.stop()
+        if state.artist is not None:
+            state.artist.stop()
 
     app = Service(
         docs_url=None,  # the framework's page loads scripts from a server on the internet; pages.py has one of its own

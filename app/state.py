@@ -11,6 +11,7 @@ from typing import cast
 from anyio import CapacityLimiter
 from starlette.requests import Request
 
+from app.artist import Artist
 from app.expansions import Expansions
 from app.jobs import Jobs
 from app.library import Library
@@ -34,18 +35,20 @@ class State:
     metrics: Metrics
     #: Takes the line that each request leaves in the log; None: no such log.
     access_log: Callable[[str], object] | None = None
-    #: Pictures by ETag: the start page shows the same ones to everybody, and each takes a third of a second to draw.
+    #: Pictures by ETag: the start page shows the same ones to everybody, and drawing takes longest of all.
     pictures: ByteLru[str, bytes] = field(default_factory=lambda: ByteLru(PICTURE_BYTES))
     #: Pictures that are being drawn or wait for it, by ETag.
     drawn: dict[str, asyncio.Task[bytes]] = field(default_factory=dict)
+    #: The process that draws; None: pictures are drawn in a thread.
+    artist: Artist | None = None
     #: Expansions in spherical harmonics that were asked for.
     expansions: Expansions = field(default_factory=Expansions)
     #: True once the kernels are compiled and one figure was drawn.
     ready: bool = False
     #: True once the process was told to end: what could go on for ever ends then.
     draining: bool = False
-    #: matplotlib shares font caches between figures and holds the interpreter's lock: drawing two at once
-    #: is neither safe nor faster, and must not take the threads that evaluate needs.
+    #: One process draws, or else matplotlib, whose font cache and lock all figures share: two at once are no faster,
+    #: and must not take the threads that evaluate needs.
     drawing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
     #: A projection takes all cores, and seconds: those who wait for one must not take the seats of the others.
     projecting: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))

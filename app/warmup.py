@@ -1,4 +1,4 @@
-"""Compile every kernel and draw one figure, so that no request waits for a compiler."""
+"""Compile every kernel and have a figure drawn by the process that draws, so that no request waits for a compiler."""
 
 from __future__ import annotations
 
@@ -8,17 +8,21 @@ import time
 import numpy as np
 
 import brdfcore as bc
+from app.artist import Artist
+from app.drawing import draw_with
 from app.errors import MaterialDamagedError, NotFoundError
 from app.library import Library
+from app.pictures import Picture
 
 log = logging.getLogger("brdf.service")
 
 #: Two sizes: kernels have a version for a few points and one for many.
 _COUNTS = (1, 20_000)
+_SLICE = Picture("slice", "", {"theta_i": [0.0], "view": "polar", "scale": "linear", "channel": None, "format": "png"})
 
 
-def warm_up(library: Library) -> None:
-    """Evaluate one material of each representation and number of channels, and draw one slice."""
+def warm_up(library: Library, artist: Artist) -> None:
+    """Evaluate one material of each representation and number of channels, and have one slice drawn of each."""
     begun = time.perf_counter()
     seen: set[tuple[object, ...]] = set()
     try:
@@ -32,11 +36,11 @@ def warm_up(library: Library) -> None:
             continue
         seen.add(_look(facts))
         try:
-            brdf = library.get(line.name).brdf
+            material = library.get(line.name)
             for count in _COUNTS:
-                brdf.evaluate(np.zeros(count), 0.0, 0.0)
-            if len(seen) == 1:  # fonts are looked for at the first figure
-                bc.plot.render(bc.plot.polar(brdf, 0.0), "png")
+                material.brdf.evaluate(np.zeros(count), 0.0, 0.0)
+            # the other process starts, looks for fonts and loads the same kernels
+            draw_with(artist, material, _SLICE)
         except (NotFoundError, MaterialDamagedError):  # gone since it was listed
             continue
         except Exception:

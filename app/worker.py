@@ -110,10 +110,10 @@ def _read(task: dict[str, Any], said: TextIO) -> Any:
 def _explained(error: Exception) -> dict[str, Any]:
     """The error as JSON; its class travels as a name that the service looks up in its own table."""
     import brdfcore as bc
+    from app.children import told
 
     if isinstance(error, bc.BrdfError):
-        kind = next(k.__name__ for k in type(error).__mro__ if hasattr(bc, k.__name__))
-        return {"kind": kind, "code": error.code, "detail": error.detail, "context": error.context}
+        return told(error)
     if isinstance(error, MemoryError):
         return {"kind": "LimitError", "code": "job_memory", "detail": "it needs more memory than a job may take"}
     import traceback

@@ -13,12 +13,13 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 import brdfcore as bc
-from app.addressing import Address, Addressed
+from app.addressing import Address
 from app.angles import AngleRequest, Array, Unit, check_values, in_radians, in_request_units
-from app.drawing import picture
+from app.drawing import draw_with, picture
 from app.json_codec import to_json
 from app.library import Material
 from app.openapi import answers, parameters, ref
+from app.pictures import Picture
 from app.query import ANGLES, QueryParameter, choice, parse_numbers, parse_query, text
 from app.schemas import SliceAnswer
 from app.security import NO_REFERRER, SVG_POLICY
@@ -125,7 +126,11 @@ def _add(router: APIRouter, address: Address, format: Format) -> None:
                 return Response(_list(found.material, asked, format), 200, headers, media_type=media_type)
             body = await run_sync(_list, found.material, asked, format, limiter=state.listing)
             return Response(body, 200, headers, media_type=media_type)
-        drawn = await picture(state, headers["etag"], partial(_draw, found, asked, format))
+        wanted = _picture(found.title, asked, format)
+        try:
+            drawn = await picture(state, headers["etag"], partial(draw_with, state.artist, found.material, wanted))
+        except bc.InputError as error:
+            raise _explained(error, asked) from error
         return Response(drawn, 200, headers, media_type=media_type)
 
 
@@ -159,18 +164,10 @@ def _directions(view: Literal["polar", "hemisphere"]) -> int:
     return int(values.size)
 
 
-def _draw(found: Addressed, asked: SliceRequest, format: Format) -> bytes:
-    brdf, theta_i = found.material.brdf, in_radians(asked.theta_i, asked.angles)
-    looks: dict[str, Any] = {"scale": asked.scale, "channel": asked.channel, "title": found.title}
-    try:
-        if asked.view == "polar":
-            figure = bc.plot.polar(brdf, np.atleast_1d(theta_i), **looks)
-        else:
-            figure = bc.plot.hemisphere(brdf, float(theta_i.flat[0]), **looks)
-    except bc.InputError as error:
-        raise _explained(error, asked) from error
-    drawn: bytes = bc.plot.render(figure, format)
-    return drawn
+def _picture(title: str, asked: SliceRequest, format: Format) -> Picture:
+    theta_i = np.atleast_1d(in_radians(asked.theta_i, asked.angles)).tolist()
+    looks = {"view": asked.view, "scale": asked.scale, "channel": asked.channel, "format": format}
+    return Picture("slice", title, {"theta_i": theta_i, **looks})
 
 
 def _list(material: Material, asked: SliceRequest, format: Format) -> bytes:

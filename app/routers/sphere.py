@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 
 from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
 
-import brdfcore as bc
-from app.addressing import Address, Addressed
-from app.drawing import picture
+from app.addressing import Address
+from app.drawing import draw_with, picture
 from app.openapi import answers, parameters
+from app.pictures import Picture
 from app.query import QueryParameter, choice, parse_query, text, whole_number
 from app.state import state_of
 
 NARROWEST, WIDEST = 128, 1024
-#: Inches that the library's figure is wide and high.
-_INCHES = (4.6, 5.0)
 
 QUERY = (
     QueryParameter(
@@ -74,20 +72,8 @@ def sphere_routes(address: Address) -> APIRouter:
         unchanged = found.unchanged(request, headers)
         if unchanged is not None:
             return unchanged
-        drawn = await picture(state_of(request), headers["etag"], partial(_draw, found, asked))
+        state, wanted = state_of(request), Picture("sphere", found.title, asdict(asked))
+        drawn = await picture(state, headers["etag"], partial(draw_with, state.artist, found.material, wanted))
         return Response(drawn, 200, headers, media_type="image/png")
 
     return router
-
-
-def _draw(found: Addressed, asked: _Asked) -> bytes:
-    figure = bc.plot.sphere(
-        found.material.brdf,
-        asked.light,
-        channel=asked.channel,
-        title=found.title,
-        size=_INCHES,
-        dpi=asked.size / _INCHES[0],
-    )
-    drawn: bytes = bc.plot.render(figure, "png")
-    return drawn
