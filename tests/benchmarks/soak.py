@@ -84,16 +84,18 @@ async def client(
     writer.close()
 
 
-def resident(pid: int) -> float:
-    """MiB that the process holds."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * 4096 / 2**20
+def resident(pid: int) -> tuple[float, float]:
+    """MiB that the process holds, and those of the process that draws for it."""
+    children = [c for each in Path(f"/proc/{pid}/task").glob("*/children") for c in each.read_text().split()]
+    own, *others = (int(Path(f"/proc/{each}/statm").read_text().split()[1]) * 4096 / 2**20 for each in (pid, *children))
+    return own, sum(others)
 
 
 async def soak(port: int, pid: int, seconds: float, clients: int) -> None:
     """Ask, watch and print."""
     spent: dict[str, list[float]] = defaultdict(list)
     wrong: list[str] = []
-    memory: list[float] = []
+    memory: list[tuple[float, float]] = []
     asked = kinds(np.random.default_rng(1))
     until = time.perf_counter() + seconds
 
@@ -112,7 +114,8 @@ async def soak(port: int, pid: int, seconds: float, clients: int) -> None:
         print(f"  {name:22s} {len(values):7d}  p50 {p50:6.0f} ms  p99 {p99:6.0f} ms  worst {worst:6.0f} ms")
     p50, p99 = 1000 * np.percentile(np.concatenate([np.array(v) for v in spent.values()]), [50, 99])
     print(f"  {'all':22s} {total:7d}  p50 {p50:6.0f} ms  p99 {p99:6.0f} ms")
-    print("memory over time, MiB: " + " ".join(f"{m:.0f}" for m in memory))
+    print("memory over time, MiB: " + " ".join(f"{own:.0f}" for own, _ in memory))
+    print("the process that draws: " + " ".join(f"{other:.0f}" for _, other in memory))
 
 
 def main() -> None:
