@@ -43,6 +43,12 @@ def _slice(
     return drawn
 
 
+def _coverage(brdf: bc.Brdf, title: str, *, theta_i: list[float] | None, format: str) -> bytes:
+    figure = bc.plot.coverage(brdf, None if theta_i is None else np.array(theta_i), title=title)
+    drawn: bytes = bc.plot.render(figure, format)
+    return drawn
+
+
 def _sphere(brdf: bc.Brdf, title: str, *, light: str, size: int, channel: str | None) -> bytes:
     dpi = size / _SPHERE_INCHES[0]
     figure = bc.plot.sphere(brdf, light, channel=channel, title=title, size=_SPHERE_INCHES, dpi=dpi)
@@ -50,4 +56,4 @@ def _sphere(brdf: bc.Brdf, title: str, *, light: str, size: int, channel: str | 
     return drawn
 
 
-KINDS: dict[str, Callable[..., bytes]] = {"slice": _slice, "sphere": _sphere}
+KINDS: dict[str, Callable[..., bytes]] = {"slice": _slice, "sphere": _sphere, "coverage": _coverage}

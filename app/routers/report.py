@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal
 
 import numpy as np
-from anyio.to_thread import run_sync
 from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
@@ -13,9 +13,10 @@ from starlette.responses import Response
 import brdfcore as bc
 from app.addressing import Address
 from app.angles import AngleRequest, in_request_units
+from app.drawing import draw_with, picture
 from app.json_codec import to_json
-from app.library import Material
 from app.openapi import answers, parameters
+from app.pictures import Picture
 from app.query import ANGLES, QueryParameter, parse_numbers, parse_query
 from app.routers.slices import check_theta_i
 from app.security import NO_REFERRER, SVG_POLICY
@@ -49,7 +50,8 @@ def report_routes(address: Address) -> APIRouter:
     async def report(request: Request) -> Response:
         parse_query(request.scope["query_string"], ())
         found = await address.find(request)
-        headers = found.headers(request)
+        # a name belongs to the file, not to what the id is a digest of
+        headers = found.headers(request, lasting=False)
         material = found.material
         body = to_json({"name": material.name, "id": material.id, "report": material.brdf.report})
         return found.unchanged(request, headers) or Response(body, 200, headers, media_type="application/json")
@@ -81,21 +83,13 @@ def _add(router: APIRouter, address: Address, format: Literal["png", "svg"], med
         unchanged = found.unchanged(request, headers)
         if unchanged is not None:
             return unchanged
-        held = state.pictures.get(headers["etag"])
-        if held is None:
-            given = None
-            if asked["theta_i"] is not None:
-                given = AngleRequest(asked["theta_i"], np.zeros(()), np.zeros(()), asked["angles"])
-            held = await run_sync(_draw, found.material, given, format, limiter=state.drawing)
-            state.pictures.put(headers["etag"], held, len(held))
-        return Response(held, 200, headers, media_type=media_type)
-
-
-def _draw(material: Material, given: AngleRequest | None, format: Literal["png", "svg"]) -> bytes:
-    try:
-        lights = None if given is None else np.atleast_1d(given.radians()[0])
-        figure = bc.plot.coverage(material.brdf, lights, title=material.name)
-    except bc.InputError as error:
-        raise (error if given is None else in_request_units(error, given)) from error
-    drawn: bytes = bc.plot.render(figure, format)
-    return drawn
+        given, theta_i = None, None
+        if asked["theta_i"] is not None:
+            given = AngleRequest(asked["theta_i"], np.zeros(()), np.zeros(()), asked["angles"])
+            theta_i = np.atleast_1d(given.radians()[0]).tolist()
+        wanted = Picture("coverage", found.title, {"theta_i": theta_i, "format": format})
+        try:
+            drawn = await picture(state, headers["etag"], partial(draw_with, state.artist, found.material, wanted))
+        except bc.InputError as error:
+            raise (error if given is None else in_request_units(error, given)) from error
+        return Response(drawn, 200, headers, media_type=media_type)

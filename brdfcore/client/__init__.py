@@ -17,9 +17,11 @@ from brdfcore.errors import missing_extra
 _PUBLIC = {
     "Client": "sync",
     "Job": "jobs",
+    "ReportJob": "jobs",
     "RemoteBrdf": "material",
     "AsyncClient": "aio",
     "AsyncJob": "jobs",
+    "AsyncReportJob": "jobs",
     "AsyncMaterial": "async_material",
     "ServiceError": "errors",
     "DeadlineError": "errors",
@@ -35,7 +37,9 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.client.errors import JobError as JobError
     from brdfcore.client.errors import ServiceError as ServiceError
     from brdfcore.client.jobs import AsyncJob as AsyncJob
+    from brdfcore.client.jobs import AsyncReportJob as AsyncReportJob
     from brdfcore.client.jobs import Job as Job
+    from brdfcore.client.jobs import ReportJob as ReportJob
     from brdfcore.client.material import RemoteBrdf as RemoteBrdf
     from brdfcore.client.sync import Client as Client
 

@@ -16,7 +16,7 @@ from brdfcore.client.calls import Answer, Call, Pause
 from brdfcore.client.connection import CHUNK_POINTS, Connection
 from brdfcore.client.errors import ServiceError, error_of
 from brdfcore.client.exchanges import Exchange
-from brdfcore.client.jobs import AsyncJob
+from brdfcore.client.jobs import AsyncJob, AsyncReportJob
 from brdfcore.client.progress import Progress
 from brdfcore.client.retry import Attempts
 from brdfcore.errors import BrdfError
@@ -116,6 +116,18 @@ class AsyncClient:
     async def delete(self, name: str) -> None:
         """Delete a material. Raises `UnknownNameError` if there is none."""
         await self._run(writing.delete(name))
+
+    async def pareto(
+        self,
+        name: str,
+        *,
+        tolerance: float | None = None,
+        max_bytes: int | None = None,
+        seconds: float | None = None,
+    ) -> AsyncReportJob:
+        """Have the representations of a material weighed; see `Client.pareto`."""
+        facts = await self._run(writing.pareto(name, tolerance, max_bytes, seconds))
+        return AsyncReportJob(self._run, self._connection, facts)
 
     async def job(self, id: str) -> AsyncJob:
         """A job by its id. Raises `JobError` if the service does not know it (any more)."""

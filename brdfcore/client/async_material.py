@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -112,6 +112,29 @@ class AsyncMaterial(Described):
         """What `bc.harmonic_summary` tells of an expansion to degree lmax, made by the service: errors, spectrum."""
         query = {"lmax": lmax, "target": target, "window": window}
         found: dict[str, Any] = await self._run(exchanges.analysis(self.id, "harmonics", query))
+        return found
+
+    async def import_report(self) -> dict[str, Any]:
+        """What reading its source found and did, as `Brdf.report` of a local one; nearly empty for a model."""
+        found: dict[str, Any] = await self._run(exchanges.import_report(self.id))
+        return found
+
+    async def sphere(self, light: str = "studio", *, size: int = 460, channel: Channel = None) -> bytes:
+        """A lit sphere as PNG, `size` pixels wide, under "studio" or "sky" light."""
+        found: bytes = await self._run(exchanges.sphere(self.id, light, size, channel))
+        return found
+
+    async def relight(
+        self,
+        normals: npt.ArrayLike,
+        views: npt.ArrayLike,
+        *,
+        map: npt.ArrayLike | None = None,
+        lights: Sequence[tuple[npt.ArrayLike, npt.ArrayLike]] = (),
+        lmax: int = 32,
+    ) -> FloatArray:
+        """Radiance towards `views`, broadcast shape + (channels,), float64; see `RemoteBrdf.relight`."""
+        found: FloatArray = await self._run(exchanges.relight(self.id, normals, views, map, lights, lmax))
         return found
 
     @overload

@@ -99,13 +99,22 @@ def get(*parts: str, query: Mapping[str, Any] | None = None, accept: str = JSON)
     return Call("GET", path_of(*parts, query=query), {"accept": accept})
 
 
-def send_json(method: str, *parts: str, body: Any, headers: Mapping[str, str]) -> Call:
-    """A request with a JSON body that changes something. Raises `InputError` for what JSON cannot say."""
+def send_json(
+    method: str,
+    *parts: str,
+    body: Any,
+    headers: Mapping[str, str] | None = None,
+    query: Mapping[str, Any] | None = None,
+    repeat: Repeat = "undone",
+) -> Call:
+    """A request with a JSON body, by default one that changes something. Raises `InputError` for what JSON cannot
+    say."""
     try:
         content = json.dumps(body, allow_nan=False).encode()
     except (TypeError, ValueError) as error:
         raise InputError("bad_body", f"this cannot be sent as JSON: {error}", where="parameters") from error
-    return Call(method, path_of(*parts), {"accept": JSON, "content-type": JSON, **headers}, content, repeat="undone")
+    told = {"accept": JSON, "content-type": JSON, **(headers or {})}
+    return Call(method, path_of(*parts, query=query), told, content, repeat=repeat)
 
 
 def evaluate(id: str, angles: tuple[FloatArray, FloatArray, FloatArray], *, status: bool = False) -> Call:

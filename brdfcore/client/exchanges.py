@@ -5,7 +5,7 @@ thrown the error the call ended in, and returns its result. The synchronous and 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,7 +16,7 @@ from brdfcore.client.calls import Answer, Call, Pause
 from brdfcore.client.connection import Connection
 from brdfcore.client.errors import with_index
 from brdfcore.client.progress import reporting
-from brdfcore.conventions import FloatArray, as_float
+from brdfcore.conventions import FloatArray, as_float, flatten_vectors
 from brdfcore.errors import BrdfError, InputError, LimitError
 
 T = TypeVar("T")
@@ -177,6 +177,51 @@ def slice(id: str, theta_i: npt.ArrayLike, format: str, **looks: Any) -> Exchang
     query = {"theta_i": angles, "angles": "rad", **looks}
     answer: Answer = yield calls.get("tables", id, f"slice.{format}", query=query, accept="*/*")
     return answer.json() if format == "json" else answer.content
+
+
+def sphere(id: str, light: str, size: int, channel: Any) -> Exchange[bytes]:
+    """A lit sphere, PNG."""
+    query = {"light": light, "size": size, "channel": channel}
+    answer: Answer = yield calls.get("tables", id, "sphere.png", query=query, accept="*/*")
+    return answer.content
+
+
+def import_report(id: str) -> Exchange[dict[str, Any]]:
+    """What reading the source found and did; {} for a model."""
+    answer: Answer = yield calls.get("tables", id, "report")
+    found = answer.json()
+    if not isinstance(found, dict) or not isinstance(found.get("report"), dict):
+        raise calls.unexpected(answer, "an import report")
+    return dict(found["report"])
+
+
+def relight(
+    id: str,
+    normals: npt.ArrayLike,
+    views: npt.ArrayLike,
+    map: npt.ArrayLike | None,
+    lights: Sequence[tuple[npt.ArrayLike, npt.ArrayLike]],
+    lmax: int,
+) -> Exchange[FloatArray]:
+    """Radiance of n surfaces, broadcast shape + (channels,), float64."""
+    pairs = flatten_vectors(normals, views)
+    body: dict[str, Any] = {"normals": pairs.wi.tolist(), "views": pairs.wo.tolist()}
+    if map is not None:
+        body["map"] = as_float("map", map).tolist()
+    if len(lights):
+        body["lights"] = [
+            {"direction": as_float("direction", d).tolist(), "irradiance": as_float("irradiance", e).tolist()}
+            for d, e in lights
+        ]
+    call = calls.send_json("POST", "tables", id, "relight", body=body, query={"lmax": lmax}, repeat="any")
+    answer: Answer = yield call
+    found = answer.json()
+    rows = found.get("radiance") if isinstance(found, dict) else None
+    if not isinstance(rows, list) or not rows or not isinstance(rows[0], list):
+        raise calls.unexpected(answer, "radiances of normals and channels")
+    radiance = np.empty((pairs.wi.shape[0], len(rows[0])))
+    calls.read_rows(answer, "radiance", radiance)
+    return radiance.reshape(*pairs.shape, -1)
 
 
 def analysis(id: str, name: str, query: Mapping[str, Any] | None = None) -> Exchange[dict[str, Any]]:

@@ -8,6 +8,7 @@ from typing import Any, Generic, TypeVar
 from brdfcore.client import writing
 from brdfcore.client.async_material import AsyncMaterial, AsyncRun
 from brdfcore.client.connection import Connection
+from brdfcore.client.errors import ServiceError
 from brdfcore.client.material import RemoteBrdf, Run
 
 R = TypeVar("R")
@@ -75,6 +76,49 @@ class Job(JobState[Run]):
         if self.id is not None:
             self._run(writing.cancel(self.id))
             self.refresh()
+
+
+class ReportJob(JobState[Run]):
+    """A job of `Client.pareto`."""
+
+    def wait(self, timeout: float | None = None) -> dict[str, Any]:
+        """The report once it is there: {material, tolerance, chosen, front, entries, advice, ...}; raises as
+        `Job.wait`."""
+        if self.state != "done":
+            self._adopt(self._run(writing.follow(self.facts, timeout, self._connection)))
+        return report_of(self.facts)
+
+    def picture(self) -> bytes:
+        """The report as PNG, once it is done."""
+        found: bytes = self._run(writing.picture(str(self.id)))
+        return found
+
+
+class AsyncReportJob(JobState[AsyncRun]):
+    """A job of `AsyncClient.pareto`: the methods of `ReportJob`, to be awaited."""
+
+    async def wait(self, timeout: float | None = None) -> dict[str, Any]:
+        """The report once it is there; see `ReportJob.wait`."""
+        if self.state != "done":
+            self._adopt(await self._run(writing.follow(self.facts, timeout, self._connection)))
+        return report_of(self.facts)
+
+    async def picture(self) -> bytes:
+        """The report as PNG, once it is done."""
+        found: bytes = await self._run(writing.picture(str(self.id)))
+        return found
+
+
+def report_of(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """The one material's part of the report that a job made."""
+    try:
+        return dict(facts["result"]["materials"][0])
+    except (KeyError, TypeError, IndexError, ValueError) as error:
+        raise ServiceError(
+            "bad_answer",
+            "the job is done, and has no report; is it one of `pareto`, and of this version?",
+            where="result",
+        ) from error
 
 
 class AsyncJob(JobState[AsyncRun]):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -121,6 +121,37 @@ class RemoteBrdf(Described, Brdf):
         """What `bc.harmonic_summary` tells of an expansion to degree lmax, made by the service: errors, spectrum."""
         query = {"lmax": lmax, "target": target, "window": window}
         found: dict[str, Any] = self._run(exchanges.analysis(self.id, "harmonics", query))
+        return found
+
+    def import_report(self) -> dict[str, Any]:
+        """What reading its source found and did, as `Brdf.report` of a local one; nearly empty for a model."""
+        found: dict[str, Any] = self._run(exchanges.import_report(self.id))
+        return found
+
+    def sphere(self, light: str = "studio", *, size: int = 460, channel: Channel = None) -> bytes:
+        """A lit sphere as PNG, `size` pixels wide, under "studio" or "sky" light."""
+        found: bytes = self._run(exchanges.sphere(self.id, light, size, channel))
+        return found
+
+    def relight(
+        self,
+        normals: npt.ArrayLike,
+        views: npt.ArrayLike,
+        *,
+        map: npt.ArrayLike | None = None,
+        lights: Sequence[tuple[npt.ArrayLike, npt.ArrayLike]] = (),
+        lmax: int = 32,
+    ) -> FloatArray:
+        """Radiance that surfaces send towards the views, computed by the service: what `bc.relight` gives.
+
+        normals, views  (..., 3), away from the surface, in the frame of the light (+z the zenith); they broadcast.
+        map             equirectangular radiances (rows, columns) or (rows, columns, channels), row 0 at the zenith;
+                        reflected through spherical harmonics to degree lmax. It travels as JSON: some 20 bytes a value.
+        lights          (direction, irradiance on a plane that faces it) of directional lights, reflected exactly.
+
+        Returns float64, broadcast shape + (channels,); 0 where the view is below the surface.
+        """
+        found: FloatArray = self._run(exchanges.relight(self.id, normals, views, map, lights, lmax))
         return found
 
     @overload

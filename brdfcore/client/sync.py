@@ -15,7 +15,7 @@ from brdfcore.client.calls import Answer, Call, Pause
 from brdfcore.client.connection import CHUNK_POINTS, Connection
 from brdfcore.client.errors import ServiceError, error_of
 from brdfcore.client.exchanges import Exchange
-from brdfcore.client.jobs import Job
+from brdfcore.client.jobs import Job, ReportJob
 from brdfcore.client.material import RemoteBrdf
 from brdfcore.client.progress import Progress
 from brdfcore.client.retry import Attempts
@@ -151,6 +151,22 @@ class Client:
     def delete(self, name: str) -> None:
         """Delete a material. Raises `UnknownNameError` if there is none."""
         self._run(writing.delete(name))
+
+    def pareto(
+        self,
+        name: str,
+        *,
+        tolerance: float | None = None,
+        max_bytes: int | None = None,
+        seconds: float | None = None,
+    ) -> ReportJob:
+        """Have every representation of a material built, measured and timed by the service, and the one to use named:
+        the job's `wait()` gives the report, `picture()` draws it.
+
+        tolerance  error (L1) that is right enough; default .01. max_bytes: nothing larger is chosen. seconds: about
+        how long it may take, default 60. Raises `AccessError` if this caller may not: it takes all cores.
+        """
+        return ReportJob(self._run, self._connection, self._run(writing.pareto(name, tolerance, max_bytes, seconds)))
 
     def job(self, id: str) -> Job:
         """A job by its id. Raises `JobError` if the service does not know it (any more)."""

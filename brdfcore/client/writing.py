@@ -67,6 +67,22 @@ def upload(
     return _job_of(answer, name)
 
 
+def pareto(
+    name: str, tolerance: float | None, max_bytes: int | None, seconds: float | None
+) -> Exchange[dict[str, Any]]:
+    """Have the representations of a material weighed; the facts of the job."""
+    given = {"tolerance": tolerance, "max_bytes": max_bytes, "seconds": seconds}
+    body = exchanges.plain({k: v for k, v in given.items() if v is not None})
+    answer: Answer = yield calls.send_json("POST", "materials", checked_name(name), "pareto", body=body)
+    return checked_job(answer)
+
+
+def picture(id: str) -> Exchange[bytes]:
+    """The picture of a job's report, PNG."""
+    answer: Answer = yield calls.get("jobs", id, "pareto.png", accept="*/*")
+    return answer.content
+
+
 def delete(name: str) -> Exchange[None]:
     """Delete a material, in whatever state it is."""
     path = calls.path_of("materials", checked_name(name))

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 from starlette.testclient import TestClient
 
+from brdfcore.client.jobs import report_of
 from tests.app.conftest import Serve, assert_problem
 from tests.app.test_writing import ended, leftovers
 
@@ -24,6 +25,7 @@ def test_a_report_over_http(client: TestClient, data: Path) -> None:
     job = ended(client, answer)
     assert (job["state"], job["kind"], job["problem"]) == ("done", "pareto", None)
     (told,) = job["result"]["materials"]
+    assert report_of(job) == told  # as the client reads it
     assert (told["material"], told["tolerance"], told["table_path"]) == ("white", 0.02, None)
     assert told["chosen"]["representation"] == "lambert"
     assert {"representation", "nbytes", "l1", "ns"} <= set(told["front"][0])

@@ -42,6 +42,16 @@ def test_coverage(listed: TestClient) -> None:
     assert b"<svg" in svg.content
 
 
+def test_by_id_nothing_stays_that_belongs_to_the_file(listed: TestClient) -> None:
+    """Two files may hold one table: its permanent address names neither of them for ever."""
+    id = listed.get("/v1/materials/listed").json()["id"]
+    by_name, by_id = (listed.get(f"/v1/{place}/coverage.svg") for place in ("materials/listed", f"tables/{id}"))
+    assert "immutable" in by_id.headers["cache-control"]
+    assert b"<!-- listed" in by_name.content
+    assert b"listed" not in by_id.content
+    assert "immutable" not in listed.get(f"/v1/tables/{id}/report").headers["cache-control"]
+
+
 @pytest.mark.parametrize(
     ("query", "status", "code"),
     [("theta_i=91", 422, "angle_outside"), ("theta_i=" + ",".join("1" * 13), 422, "wrong_number"), ("x=1", 422, None)],
