@@ -93,6 +93,7 @@ async def material(request: Request) -> Response:
         ),
         labels=json.dumps(channels.labels()),
         facts=_facts_table(facts),
+        analyses=_analyses(path, found.brdf.report),
         curl=_curl(found.name, base),
     )
     return _page(request, page)
@@ -221,6 +222,19 @@ def _facts_table(facts: Mapping[str, Any]) -> Html:
         "id": facts["id"],
     }
     return join(fill("fact.html", term=k, value=v) for k, v in rows.items())
+
+
+def _analyses(path: str, report: Mapping[str, Any]) -> Html:
+    """Links to what the service can say of a material; the measured angles only where there are some."""
+    offered = {
+        "energy, reciprocity, sign": "checks",
+        "gloss": "gloss",
+        "albedo": "albedo?theta_i=0,30,60,80,89",
+        "spherical harmonics": "harmonics.svg?lmax=16",
+        "how it was read": "report",
+        **({"measured angles": "coverage.svg"} if "coverage" in report else {}),
+    }
+    return join(Html(f'<a href="{path}/{address}">{text}</a> ') for text, address in offered.items())
 
 
 def _curl(name: str, base: str) -> Html:

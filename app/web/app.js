@@ -133,3 +133,98 @@ if (evaluate) {
     }
   });
 }
+
+const weigh = document.getElementById("weigh");
+if (weigh) {
+  const form = weigh.querySelector("form");
+  const [start, cancel] = form.querySelectorAll("button");
+  const told = weigh.querySelector("[role=status]");
+  const bar = told.querySelector("progress");
+  const problem = weigh.querySelector("[role=alert]");
+  const found = weigh.querySelector(".found");
+  let job = null; // path of the one that is followed
+
+  const busy = (is) => {
+    start.disabled = is;
+    cancel.hidden = told.hidden = !is;
+  };
+
+  const fail = (text) => {
+    job = null;
+    busy(false);
+    problem.textContent = text;
+    problem.hidden = false;
+  };
+
+  const paragraph = (tag, text) => {
+    const made = document.createElement(tag);
+    made.textContent = text;
+    return made;
+  };
+
+  const show = (content) => {
+    const [report] = content.result.materials;
+    const figure = document.createElement("figure");
+    figure.className = "picture";
+    const picture = document.createElement("img");
+    picture.src = content.links.picture;
+    picture.alt = "error against bytes and against the time of a look-up, of every representation tried";
+    figure.append(picture);
+    const advice = paragraph("p", report.advice);
+    advice.className = "lead";
+    const others = document.createElement("ul");
+    others.append(...report.alternatives.map((text) => paragraph("li", text)));
+    const links = paragraph("p", "");
+    links.className = "links";
+    for (const [text, address] of [["all the numbers", content.links.self], ["the picture", content.links.picture]]) {
+      const a = paragraph("a", text);
+      a.href = address;
+      links.append(a);
+    }
+    found.replaceChildren(advice, others, figure, links);
+    found.hidden = false;
+  };
+
+  const follow = async (path) => {
+    while (job === path) {
+      const answer = await fetch(path);
+      const content = await answer.json();
+      if (job !== path) return;
+      if (!answer.ok) return fail(content.detail);
+      const { done, total, stage } = content.progress;
+      if (content.state === "running" && done) { bar.max = total; bar.value = done; } else bar.removeAttribute("value");
+      told.lastElementChild.textContent = content.state === "running" ? stage : `${content.state}, ${content.ahead} ahead`;
+      if (content.state === "failed") return fail(content.problem.detail);
+      if (content.state === "cancelled") { job = null; return busy(false); }
+      if (content.state === "done") {
+        job = null;
+        busy(false);
+        return show(content);
+      }
+      await new Promise((resolve) => { setTimeout(resolve, 1000); });
+    }
+  };
+
+  weigh.hidden = false;
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    problem.hidden = true;
+    const typed = new FormData(form).get("tolerance");
+    const tolerance = typed.trim() && Number.isFinite(Number(typed)) ? Number(typed) : typed; // the service says what is wrong
+    try {
+      const answer = await fetch(`${weigh.dataset.path}/pareto`, {
+        method: "POST",
+        headers: { "Content-Type": "application/json" },
+        body: JSON.stringify({ tolerance }),
+      });
+      const content = await answer.json();
+      if (!answer.ok) return fail(content.detail);
+      job = content.links.self;
+      busy(true);
+      await follow(job);
+    } catch (error) {
+      fail("The service does not answer.");
+    }
+  });
+  cancel.addEventListener("click", () => { if (job) fetch(job, { method: "DELETE" }); });
+}

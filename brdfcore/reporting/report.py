@@ -15,6 +15,7 @@ from brdfcore.atomic import replacing
 from brdfcore.brdf import Brdf
 from brdfcore.errors import InputError, StorageError
 from brdfcore.metrics import compare
+from brdfcore.reporting import words
 from brdfcore.reporting.appearance import Appearance, appearance
 from brdfcore.reporting.error_map import ErrorMap, error_map
 from brdfcore.tables.base import Progress, Table
@@ -61,6 +62,8 @@ class Item:
             "source": self.subject.source,
             "table_path": None if self.table_path is None else str(self.table_path),
             "verified": self.verified,
+            "advice": words.advice(self.found),
+            "alternatives": words.alternatives(self.found),
             "flip": {**self.look.to_json(), "of": self.shown_name},
         }
 

@@ -28,6 +28,8 @@ def test_a_report_over_http(client: TestClient, data: Path) -> None:
     assert report_of(job) == told  # as the client reads it
     assert (told["material"], told["tolerance"], told["table_path"]) == ("white", 0.02, None)
     assert told["chosen"]["representation"] == "lambert"
+    assert told["advice"].startswith("Use the formula itself (lambert")
+    assert isinstance(told["alternatives"], list)
     assert {"representation", "nbytes", "l1", "ns"} <= set(told["front"][0])
     picture = client.get(job["links"]["picture"])
     assert picture.headers["content-type"] == "image/png"
