@@ -15,13 +15,14 @@ from brdfcore.brdf import Brdf
 from brdfcore.plot.rendering import drawing
 from brdfcore.plot.slices import slice as slice_of
 from brdfcore.plot.style import COLOUR_MAP, COLOURS, FAINT, INK, clean
+from brdfcore.registry import REPRESENTATIONS
 from brdfcore.reporting import words
 from brdfcore.reporting.appearance import Appearance
 from brdfcore.reporting.error_map import ErrorMap
 
 #: Errors below are drawn at it: "exact".
 LEAST_ERROR = 1e-6
-#: What a formula, which has no table, is drawn at, bytes.
+#: What a formula, which has no table, is drawn at, bytes; further left where a table is smaller than thrice that.
 NO_TABLE = 1_500
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 #: theta_i of the slices, degrees.
@@ -29,10 +30,12 @@ SLICES = (0.0, 45.0, 75.0)
 DPI = 110
 
 
-def colours_of(entries: list[Entry]) -> dict[str, str]:
-    """A colour for each representation, in order of first appearance; others' libraries are grey."""
-    names = list(dict.fromkeys(e.representation for e in entries if e.kind != "peer"))
-    return {name: COLOURS[k % len(COLOURS)] for k, name in enumerate(names)}
+def looks_of(entries: list[Entry]) -> dict[str, int]:
+    """Which colour and marker each representation has, the same for every material: formulas the first, tables as they
+    are registered. Others' libraries are grey."""
+    order = ["", *REPRESENTATIONS.names()]
+    return {e.representation: order.index(e.representation if e.kind == "table" else "")
+            for e in entries if e.kind != "peer"}  # fmt: skip
 
 
 def front(found: Pareto) -> Figure:
@@ -44,43 +47,47 @@ def front(found: Pareto) -> Figure:
 
 
 def draw_front(axes: Axes, found: Pareto) -> None:
-    colours = colours_of(found.entries)
-    right = max([10 * NO_TABLE, *(e.nbytes for e in found.entries)]) * 3
+    looks = looks_of(found.entries)
+    none = no_table(found)
+    left, right = none / 2, max([10 * NO_TABLE, *(e.nbytes for e in found.entries)]) * 3
     axes.axhspan(LEAST_ERROR / 4, found.tolerance, color="#DDEBDD", zorder=0)
     axes.axhline(found.tolerance, color="#228833", lw=1, ls="--", zorder=1)
     axes.text(
-        right, found.tolerance, f"right enough: {words.percent(found.tolerance)} ", color="#1A6B28", fontsize=8,
-        va="top", ha="right",
-    )  # fmt: skip
+        left, found.tolerance, f" right enough: {words.percent(found.tolerance)}", color="#1A6B28", fontsize=8, va="top"
+    )
     seen = set()
     for entry in found.entries:
-        x, y = place(entry)
+        x, y = place(entry, none)
         new = entry.representation not in seen
         seen.add(entry.representation)
         if entry.kind == "peer":
             axes.plot(x, y, "x", color=FAINT, ms=7, label=entry.representation if new else None, zorder=2)
             continue
-        colour = colours[entry.representation]
-        marker = MARKERS[list(colours).index(entry.representation) % len(MARKERS)]
+        look = looks[entry.representation]
+        colour, marker = COLOURS[look % len(COLOURS)], MARKERS[look % len(MARKERS)]
         face = colour if entry.on_front else "white"
         axes.plot(
             x, y, marker, color=colour, mfc=face, ms=7, ls="none", label=entry.representation if new else None, zorder=3
         )
-    path = np.array([place(e) for e in envelope(found.front)])
+    path = np.array([place(e, none) for e in envelope(found.front)])
     axes.plot(*path.T, color=INK, lw=0.8, alpha=0.5, zorder=2)
-    x, y = place(found.chosen)
+    x, y = place(found.chosen, none)
     axes.plot(x, y, "o", mfc="none", mec="#CC3311", mew=2, ms=15, zorder=4)
     text = f"{'use this' if found.met else 'closest'}: {found.chosen.label}"
+    # towards the middle, so that it stays inside
+    right_half = x * x > left * right
     axes.annotate(
-        text, (x, y), (12, 10), textcoords="offset points", fontsize=8.5, color="#CC3311", weight="bold",
-        parse_math=False, annotation_clip=False,
+        text, (x, y), (-12 if right_half else 12, -4), textcoords="offset points", fontsize=8.5, color="#CC3311",
+        ha="right" if right_half else "left", weight="bold", parse_math=False, annotation_clip=False,
+        bbox={"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75},
     )  # fmt: skip
-    top = max([found.tolerance, *(place(e)[1] for e in found.entries)])
-    axes.set(xscale="log", yscale="log", xlim=(NO_TABLE / 2, right), ylim=(LEAST_ERROR / 2, max(2 * top, 0.02)))
+    top = max([found.tolerance, *(place(e, none)[1] for e in found.entries)])
+    axes.set(xscale="log", yscale="log", xlim=(left, right), ylim=(LEAST_ERROR / 2, max(2 * top, 0.02)))
     axes.set_xlabel("bytes that a look-up may touch")
     axes.set_ylabel("error: share of the reflected energy misplaced (L1)")
-    ticks = [t for t in (1e4, 1e5, 1e6, 1e7, 1e8, 1e9) if t < right]
-    axes.set_xticks([NO_TABLE, *ticks], ["no table", *(words.size(int(t)) for t in ticks)])
+    formulas = [none] if any(e.nbytes == 0 for e in found.entries) else []
+    ticks = [t for t in (1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9) if 3 * none < t < right]
+    axes.set_xticks([*formulas, *ticks], [*("no table" for _ in formulas), *(words.size(int(t)) for t in ticks)])
     axes.set_xticks([], minor=True)
     shares = [t for t in (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0) if t <= axes.get_ylim()[1]]
     axes.set_yticks(shares, [f"{100 * t:g} %" if t > LEAST_ERROR else "exact" for t in shares])
@@ -102,9 +109,14 @@ def envelope(front: list[Entry]) -> list[Entry]:
     return path
 
 
-def place(entry: Entry) -> tuple[float, float]:
-    """Where an entry is drawn: bytes, error."""
-    return float(max(entry.nbytes, NO_TABLE)), float(np.clip(entry.error, LEAST_ERROR, 1e3))
+def no_table(found: Pareto) -> float:
+    """What a formula is drawn at, bytes: left of every table."""
+    return min([NO_TABLE, *(e.nbytes / 3 for e in found.entries if e.nbytes)])
+
+
+def place(entry: Entry, none: float) -> tuple[float, float]:
+    """Where an entry is drawn: bytes, those of a formula `none`; error."""
+    return float(entry.nbytes or none), float(np.clip(entry.error, LEAST_ERROR, 1e3))
 
 
 def slices(reference: Brdf, candidate: Brdf, name: str) -> Figure:

@@ -15,6 +15,7 @@ from brdfcore.analysis.entries import Entry
 from brdfcore.analysis.pareto import Pareto
 from brdfcore.models.base import Model
 from brdfcore.plot.rendering import render
+from brdfcore.plot.style import COLOURS
 from brdfcore.reporting import figures, words
 
 if TYPE_CHECKING:
@@ -147,8 +148,10 @@ def _checked(item: Item) -> str:
 
 def _data(found: Pareto) -> str:
     """What the script draws."""
-    colours = figures.colours_of(found.entries)
-    looks = {name: {"colour": c, "shape": _SHAPES[k % len(_SHAPES)]} for k, (name, c) in enumerate(colours.items())}
+    looks = {
+        name: {"colour": COLOURS[k % len(COLOURS)], "shape": _SHAPES[k % len(_SHAPES)]}
+        for name, k in figures.looks_of(found.entries).items()
+    }
     looks |= {e.representation: {"colour": "#777", "shape": "cross"} for e in found.entries if e.kind == "peer"}
     keys = ("representation", "label", "kind", "nbytes", "error", "ns", "ns_median", "on_front")
     entries = []

@@ -18,7 +18,7 @@ from starlette.testclient import TestClient
 from app.settings import Settings
 from brdfcore.formats.tensor_file import encode
 from tests.app.conftest import Serve, assert_problem
-from tests.app.running import running
+from tests.app.running import Running, running
 from tests.app.test_writing import OCTET, PAINT, VALUE, WHITE, ended, leftovers
 from tests.core.rgl_synthetic import fields_of
 
@@ -266,14 +266,24 @@ def test_bodies_on_the_wire_slow_endless_and_broken(data: Path) -> None:
     assert "Traceback" not in errors
 
 
+def all_of(made: Running) -> list[dict[str, Any]]:
+    """Every line of the list: many kills leave more than a page of materials."""
+    lines, path = [], "/v1/materials?limit=1000"
+    while path:
+        page = json.loads(made.ask(path).body)
+        lines += page["materials"]
+        path = page["next"]
+    return lines
+
+
 def test_kill_in_the_middle_of_uploads(data: Path) -> None:
     """Whatever was there stays readable; what was being written is there whole or not at all."""
     wanted = {p.stem for p in data.iterdir()}
     body = {"model": "lambert", "parameters": {"reflectance": 0.5}}
     for k in range(int(os.environ.get("BRDF_KILLS", "3"))):
         with running(data, "--log-level", "error") as made:
-            names = [m["name"] for m in json.loads(made.ask("/v1/materials?limit=1000").body)["materials"]]
-            assert wanted <= set(names), wanted - set(names)
+            names = {m["name"] for m in all_of(made)}
+            assert wanted <= names, wanted - names
             until = time.monotonic() + 0.2 + 0.37 * (k % 5)
             n = 0
             while time.monotonic() < until:
@@ -291,7 +301,7 @@ def test_kill_in_the_middle_of_uploads(data: Path) -> None:
                 n += 1
             made.kill()
     with running(data) as made:
-        listed = json.loads(made.ask("/v1/materials?limit=1000").body)["materials"]
+        listed = all_of(made)
         assert wanted <= {m["name"] for m in listed}
         assert [m for m in listed if m.get("problem")] == []
         assert [n for n in leftovers(data) if n.startswith(".job-")] == []
