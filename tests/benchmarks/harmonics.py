@@ -52,10 +52,15 @@ def numbers() -> None:
     print(f"nine coefficients: {100 * nine['energy']:.3f} % of the energy, relative L2 error {100 * nine['l2']:.3f} %")
 
 
+HEADS = (
+    "material", "lmax", "kB", "truncation", "quadrature", "by evaluation", "L1", "minimum, 1/sr", "look-ups, M/s",
+    "made in s", "half_difference of that error: kB", "truncation", "L1", "M/s",
+)  # fmt: skip
+
+
 def files(degrees: list[int], lookups: int) -> None:
-    """The ten measured files: expansions, and the smallest half_difference of at most the same error."""
-    heads = f"{'lmax':>5} {'bytes':>9} {'plain':>9} {'target':>8} {'quadr.':>8} {'by eval':>8} {'L1':>7} {'minimum':>9}"
-    print(f"\n{'material':19}{heads} {'M/s':>6} {'s':>6} | half_difference: bytes, target, L1, M/s")
+    """The ten measured files: expansions, and the smallest half_difference of at most the same error; Markdown."""
+    print(f"\n| {' | '.join(HEADS)} |\n|---|{'---:|' * (len(HEADS) - 1)}")
     rng = np.random.default_rng(3)
     angles = [rng.uniform(0, top, lookups) for top in (1.57, 1.57, 3.14)]
     for name in shared.rgl_names():
@@ -67,16 +72,15 @@ def files(degrees: list[int], lookups: int) -> None:
             stated = h.report["harmonics"]
             error = stated["truncation"]["target"]
             l1 = bc.compare(source, h, directions=50_000).l1
-            plain = 8 * h.size * len(h.channels)
-            print(
-                f"{name:19}{lmax:5} {h.nbytes:9} {plain:9} {error:8.4f} {stated['quadrature']['target']:8.5f} "
-                f"{by_evaluation(source, h):8.4f} {l1:7.4f} {stated['minimum']:9.2f} {rate(h, angles):6.3f} "
-                f"{seconds:6.2f} | {beside(source, error, angles)}",
-                flush=True,
-            )
+            cells = (
+                name, f"{lmax}", f"{h.nbytes / 1000:.0f}", f"{error:.4f}", f"{stated['quadrature']['target']:.5f}",
+                f"{by_evaluation(source, h):.4f}", f"{l1:.4f}", f"{stated['minimum']:.2f}", f"{rate(h, angles):.3f}",
+                f"{seconds:.2f}", *beside(source, error, angles),
+            )  # fmt: skip
+            print(f"| {' | '.join(cells)} |", flush=True)
 
 
-def beside(source: bc.Brdf, error: float, angles: list[np.ndarray]) -> str:
+def beside(source: bc.Brdf, error: float, angles: list[np.ndarray]) -> tuple[str, str, str, str]:
     """The smallest half_difference whose distance in the target's norm is at most `error`."""
     for size in (6_000, 24_000, 96_000, 384_000, 1_500_000, 6_000_000):
         with warnings.catch_warnings():
@@ -84,8 +88,9 @@ def beside(source: bc.Brdf, error: float, angles: list[np.ndarray]) -> str:
             table = bc.tabulate(source, "half_difference", max_bytes=3 * size)
         found = norm_distance(source, table, F_COS_COS)
         if found <= error:
-            return f"{table.nbytes} {found:.4f} {table.error['l1']:.4f} {rate(table, angles):.1f}"
-    return f"none up to {table.nbytes} ({found:.4f})"
+            break
+    kilobytes = f"{'' if found <= error else 'none up to '}{table.nbytes / 1000:.0f}"
+    return kilobytes, f"{found:.4f}", f"{table.error['l1']:.4f}", f"{rate(table, angles):.0f}"
 
 
 def by_evaluation(b: bc.Brdf, h: bc.Brdf, strata: int = 40) -> float:
