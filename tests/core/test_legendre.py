@@ -14,6 +14,7 @@ from scipy.special import sph_harm_y_all
 import brdfcore as bc
 from brdfcore.harmonics.legendre import (
     SphericalHarmonics,
+    _coefficients,
     degrees,
     entries,
     legendre,
@@ -113,6 +114,34 @@ def test_blocks_and_parities_are_the_same_bits() -> None:
     assert np.array_equal(some, p[order_offset(lmax, 4) : order_offset(lmax, 10)])
     assert np.array_equal(legendre(lmax, x[3]), p[:, 3]), "a node alone has other bits"
     assert legendre(lmax, x.reshape(71, 1)).shape == (entries(lmax), 71, 1)
+
+
+@pytest.mark.parametrize("lmax", [0, 1, 6, 9])
+@pytest.mark.parametrize("parity", [None, "odd", "even"])
+def test_rows_are_those_of_the_orders_before(lmax: int, parity: Any) -> None:
+    for m in range(lmax + 2):
+        assert order_offset(lmax, m, parity) == sum(order_size(lmax, k, parity) for k in range(m))
+
+
+@pytest.mark.parametrize("lmax", [9, 300])
+def test_recursion_coefficients(lmax: int) -> None:
+    """alpha_l alpha_(l-1) = a_(l-1)^2 to 2^-102, pairs that sum to their high part, and s = p/q as the product of b."""
+    table = _coefficients(lmax)
+    for m in (0, 1, lmax // 2, lmax - 3):
+        first = order_offset(lmax, m)
+        s = [mp.mpf(1), mp.mpf(1)]
+        with mp.workdps(60):
+            for l in range(m + 1, lmax + 1):  # noqa: E741
+                high, low, scale = table[first + l - m].tolist()
+                assert high + low == high
+                before = mp.fsum(table[first + l - m - 1, :2].tolist())
+                a2 = mp.mpf(4 * (l - 1) ** 2 - 1) / ((l - 1) ** 2 - m * m) if l > m + 1 else mp.mpf(2 * m + 3)
+                product = mp.fsum([high, low]) * (before if l > m + 1 else mp.fsum([high, low]))
+                assert abs(product - a2) <= mp.mpf(2) ** -102 * a2, (l, m)
+                if l > m + 1:
+                    b2 = mp.mpf(4 * l * l - 1) / (l * l - m * m) / a2
+                    s.append(mp.sqrt(b2) * s[-2])
+                assert abs(scale - s[-1]) <= mp.mpf(2) ** -52 * s[-1], (l, m)
 
 
 def test_over_x() -> None:
