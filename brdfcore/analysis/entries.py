@@ -138,10 +138,18 @@ def _dominates(a: Entry, b: Entry, margin: float) -> bool:
     return a.nbytes < b.nbytes or a.error < b.error or a.ns.faster_than(b.ns, margin) or a.label < b.label
 
 
-def choose(entries: Sequence[Entry], tolerance: float, room: float | None, *, smallest_error: bool = False) -> Entry:
+def choose(
+    entries: Sequence[Entry],
+    tolerance: float,
+    room: float | None,
+    *,
+    smallest_error: bool = False,
+    margin: float = MARGIN,
+) -> Entry:
     """The fastest within tolerance and bytes, of equally fast ones the smallest; else the least wrong that fits.
 
-    A formula that is less than `SLOWEST` times slower than the fastest counts as equally fast.
+    A formula that is less than `SLOWEST` times slower than the fastest counts as equally fast. `margin` is what counts
+    as distinctly slower.
     """
     fitting = [e for e in entries if e.nbytes <= (room or math.inf)]
     right = [] if smallest_error else [e for e in fitting if e.meets(tolerance)]
@@ -150,7 +158,8 @@ def choose(entries: Sequence[Entry], tolerance: float, room: float | None, *, sm
         alike = [
             e
             for e in right
-            if not fastest.ns.faster_than(e.ns) or (e.kind == "model" and e.ns.best <= SLOWEST * fastest.ns.best)
+            if not fastest.ns.faster_than(e.ns, margin)
+            or (e.kind == "model" and e.ns.best <= SLOWEST * fastest.ns.best)
         ]
         return min(alike, key=lambda e: (e.nbytes, e.ns.best, e.error))
     if fitting:

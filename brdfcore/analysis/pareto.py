@@ -12,7 +12,17 @@ from typing import Any
 
 from brdfcore.analysis.entries import Entry, beaten_anyway, choose, mark_dominated
 from brdfcore.analysis.tabulating import USUAL, Smallest, Tabulating, variant_of
-from brdfcore.analysis.timing import ROUNDS, Maker, look_up_maker, look_ups, machine, time_all, versions
+from brdfcore.analysis.timing import (
+    MARGIN,
+    REPEATS,
+    ROUNDS,
+    Maker,
+    look_up_maker,
+    look_ups,
+    machine,
+    time_all,
+    versions,
+)
 from brdfcore.brdf import Brdf
 from brdfcore.build import DEFAULT_TOLERANCE, positive
 from brdfcore.combined import Scaled, Sum
@@ -34,7 +44,10 @@ _FINE = 0.1
 
 @dataclass
 class Pareto:
-    """The answer of `pareto`: `entries` by bytes, then error; `chosen` is one of them."""
+    """The answer of `pareto`: `entries` by bytes, then error; `chosen` is one of them.
+
+    rivals  what another run might have chosen, since times differ a little between runs.
+    """
 
     material: str
     source: Brdf = field(repr=False)
@@ -46,6 +59,7 @@ class Pareto:
     left_out: list[str]
     seconds: float
     threads: int
+    rivals: list[Entry] = field(default_factory=list)
     machine: str = field(default_factory=machine)
     versions: dict[str, str] = field(default_factory=versions)
 
@@ -67,6 +81,7 @@ class Pareto:
             "max_bytes": self.max_bytes,
             "machine": {"processor": self.machine, "threads": self.threads, "versions": self.versions},
             "chosen": self.chosen.to_json(self.tolerance),
+            "rivals": [e.label for e in self.rivals],
             "met": self.met,
             "table": None if self.table is None else self.table.to_json(self.tolerance),
             "front": [e.to_json(self.tolerance) for e in self.front],
@@ -174,6 +189,10 @@ def pareto(
     mark_dominated(entries)
     ours = [e for e in entries if e.kind != "peer"]
     tables = [e for e in ours if e.kind == "table"]
+    chosen, *others = (
+        choose(ours, tolerance, room, smallest_error=smallest_error, margin=m)
+        for m in (MARGIN, MARGIN / REPEATS, MARGIN * REPEATS)
+    )
     from brdfcore.kernels import launch
 
     return Pareto(
@@ -182,7 +201,8 @@ def pareto(
         tolerance=tolerance,
         max_bytes=None if room is None else int(room),
         entries=entries,
-        chosen=choose(ours, tolerance, room, smallest_error=smallest_error),
+        chosen=chosen,
+        rivals=[e for e in ours if e is not chosen and any(e is other for other in others)],
         table=choose(tables, tolerance, room, smallest_error=smallest_error) if tables else None,
         left_out=work.left_out,
         seconds=time.perf_counter() - start,

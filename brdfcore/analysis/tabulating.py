@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from brdfcore.analysis.entries import SLOWEST, Entry
@@ -23,7 +23,8 @@ USUAL = ("half_angle_grid", (90, 90, 180), "nearest")
 USUALLY = ", the usual practice"
 #: Shapes of one size that are built to find the best, up to _SEVERAL bytes.
 _SHAPES, _SEVERAL = 3, 1_000_000
-#: A size is left out if the one before says that its build takes longer than this, seconds.
+#: A size is left out if the one before says that its build takes longer than this, seconds of all processors together:
+#: whether others are at work must not decide what is tried.
 _LONGEST_BUILD = 15.0
 #: A representation that does not choose its size by bytes is tried at these multiples of its default shape; each takes
 #: about so many times longer to build than the one before.
@@ -72,6 +73,7 @@ class _Way:
     begun: bool = False
     last: Entry | None = None
     seconds: float = 0.0
+    halved: bool = False
 
     @property
     def size(self) -> float:
@@ -156,12 +158,20 @@ class Tabulating:
             self.given(best)
             if self.enough is not None and best.meets(self.enough):
                 done += len(way.steps)
-                way.steps = []
+                way.steps = self._between(way, step)
+                count += len(way.steps)
             yield best
+
+    def _between(self, way: _Way, step: _Step) -> list[_Step]:
+        """Where the smallest is wanted: half way back to the size before, which was not enough."""
+        if self.smallest is None or not step.own or way.halved:
+            return []
+        way.halved = True
+        return [replace(step, size=int(step.size / 2**0.5))]
 
     def _best(self, way: _Way, step: _Step) -> Entry | None:
         """The best table of one step; None if there is none of this size that is not there already."""
-        start = time.perf_counter()
+        start, processors = time.perf_counter(), time.process_time()
         options = BuildOptions(step.shape, step.way, prepared=way.prepared, seen=self.seen)
         first, way.begun = not way.begun, True
         asked = [options]
@@ -173,7 +183,7 @@ class Tabulating:
         if first:  # it may have waited for the compiler, which is no measure of anything
             self.until += time.perf_counter() - start
         else:
-            way.seconds = max((e.build_seconds for e in made), default=way.seconds)
+            way.seconds = (time.process_time() - processors) / max(len(made), 1)
         return min(made, key=lambda e: (e.error, e.nbytes), default=None)
 
     def _needless(self, way: _Way, step: _Step) -> tuple[str, bool]:
@@ -192,7 +202,7 @@ class Tabulating:
         if time.perf_counter() > self.until and way.begun:
             return "the time was up", True
         if (expected := (_TWICE if step.own else _LONGER) * way.seconds) > _LONGEST_BUILD:
-            return f"some {expected:.0f} s to build", True
+            return f"some {expected:.0f} s of processor time to build", True
         return "", False
 
     def _can_not_win(self, way: _Way, step: _Step, smallest: Smallest) -> str:

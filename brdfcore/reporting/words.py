@@ -80,6 +80,7 @@ def alternatives(found: Pareto) -> list[str]:
             said.append(f"If it has to be a table: {title(found.table)}, {figures(found.table)}.")
         else:
             said.append(f"No table tried is right enough; the closest is {title(found.table)}, {figures(found.table)}.")
+    said += [f"As good, as far as times can be told apart: {title(r)}, {figures(r)}." for r in found.rivals]
     smaller = min((e for e in right if e.nbytes < chosen.nbytes), key=lambda e: e.nbytes, default=None)
     if smaller is not None:
         said.append(f"If memory counts more than speed: {title(smaller)}, {figures(smaller)}.")

@@ -69,6 +69,10 @@ def differences(first: Pareto, again: Pareto) -> list[str]:
     kept = [label for label in before if label in now]
     order = kept == [label for label in now if label in before]
     use = "the same" if first.chosen.label == again.chosen.label else f"CHANGED to {again.chosen.label}"
+    if first.chosen.label != again.chosen.label:
+        rivals = [e.label for e in first.rivals] + [e.label for e in again.rivals]
+        said = {first.chosen.label, again.chosen.label} & set(rivals)
+        use += ", said to be as good" if said else ", NOT said to be as good"
     lines = [f"order {'the same' if order else 'CHANGED'}, {len(kept)} of {len(before)} kept, chosen {use}"]
     for label in [*(x for x in before if x not in now), *(x for x in now if x not in before)]:
         was, here = (next((e for e in run.entries if e.label == label), None) for run in (first, again))

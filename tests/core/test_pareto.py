@@ -14,7 +14,7 @@ import brdfcore as bc
 from brdfcore.analysis import peers
 from brdfcore.analysis.entries import USELESS, Entry, beaten_anyway, choose, mark_dominated
 from brdfcore.analysis.pareto import Pareto
-from brdfcore.analysis.timing import MARGIN, Timing, time_all
+from brdfcore.analysis.timing import MARGIN, REPEATS, Timing, time_all
 from brdfcore.kernels import launch
 from brdfcore.registry import REPRESENTATIONS
 from tests import shared
@@ -63,6 +63,7 @@ def test_numbers_are_those_of_the_tables(gold: Pareto) -> None:
 def test_what_is_chosen_does_what_was_asked(gold: Pareto) -> None:
     assert gold.met
     assert gold.chosen in gold.front
+    assert all(e in gold.entries and e is not gold.chosen for e in gold.rivals)
     assert gold.chosen.error <= 0.02
     assert gold.table is not None
     assert gold.table.kind == "table"
@@ -108,6 +109,13 @@ def test_what_another_run_may_rank_otherwise_is_said() -> None:
     }  # fmt: skip
     assert [e.label for e in listed if e.on_front] == ["base", "just-faster", "clearly", "smaller"]
     assert listed[1].to_json(0.01)["near_tie"] == "base"
+
+
+def test_a_choice_that_hangs_on_a_near_tie_names_the_other() -> None:
+    listed = [entry("small", 1000, 0.009, 5.0 * 1.04 * MARGIN), entry("quick", 9000, 0.008, 5.0)]
+    assert choose(listed, 0.01, None).label == "quick"
+    assert choose(listed, 0.01, None, margin=MARGIN * REPEATS).label == "small"
+    assert choose(listed, 0.01, None, margin=MARGIN / REPEATS).label == "quick"
 
 
 def test_what_is_beaten_whatever_the_clock_says_is_not_timed_on() -> None:

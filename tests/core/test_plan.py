@@ -99,6 +99,16 @@ def test_what_can_not_win_is_not_built() -> None:
     assert all(e.nbytes <= 8_000 for e in tables)
 
 
+def test_the_smallest_is_looked_for_between_sizes(folder: Path) -> None:
+    car = {"name": "car", "file": str(folder / "paint.h5"), "error": 0.02}
+    found = bc.plan(
+        {"materials": [car]}, sizes=(4_000, 64_000), directions=20_000, representations=("half_difference",)
+    )
+    (choice,) = found.choices
+    assert choice.met
+    assert choice.entry.nbytes < 64_000 / 2**0.5
+
+
 def test_every_choice_says_what_it_beat(planned: Plan) -> None:
     for choice in planned.choices:
         assert choice.reason
