@@ -138,6 +138,8 @@ class Brdf(ABC):
     _takes_vectors: bool = False
     #: True if f is a formula, smooth but for few kinks: the albedo is then refined until its error is small.
     _analytic: bool = False
+    #: True if f is stored and never changes while the object lives: albedos are kept, as those of a formula are.
+    _fixed: bool = False
 
     def __init__(self) -> None:
         self.metadata: dict[str, Any] = {}
@@ -324,9 +326,9 @@ class Brdf(ABC):
                     tolerance=tolerance,
                     budget=budget,
                 )
-                # a formula never changes; refining it costs tens of milliseconds an angle, and comparing one model
-                # with several tables asks for the same angles each time
-                if self._analytic and len(self._albedos) < ALBEDOS_KEPT:
+                # refining costs tens of milliseconds an angle, and comparing one material with several tables asks
+                # for the same angles each time
+                if (self._analytic or self._fixed) and len(self._albedos) < ALBEDOS_KEPT:
                     self._albedos[key] = found
             values[k] += found[0]
             errors[k] = found[1]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from brdfcore.analysis.timing import Timing, label
+from brdfcore.analysis.timing import MARGIN, REPEATS, Timing, label
 from brdfcore.brdf import Brdf
 from brdfcore.metrics import Comparison
 
@@ -31,6 +31,8 @@ class Entry:
     comparison    its error against the source.
     timings       ns a look-up by batch (`timing.label`).
     dominated_by  label of one that is no larger, no less exact, and not distinctly slower; None: on the front.
+    near_tie      label of the one whose speed decides whether this is on the front, where another run may measure it
+                  on the other side of what counts as distinctly slower; None where no such run is to be expected.
     """
 
     representation: str
@@ -42,6 +44,7 @@ class Entry:
     brdf: Brdf | None = field(default=None, repr=False)
     timings: dict[str, Timing] = field(default_factory=dict, repr=False)
     dominated_by: str | None = None
+    near_tie: str | None = None
     usual: bool = False
 
     @property
@@ -88,6 +91,7 @@ class Entry:
             "build_seconds": self.build_seconds,
             "on_front": self.on_front,
             "dominated_by": self.dominated_by,
+            "near_tie": self.near_tie,
             "meets": self.meets(tolerance),
             "usual_practice": self.usual,
             "measures": found.to_json(),
@@ -95,23 +99,57 @@ class Entry:
 
 
 def mark_dominated(entries: Sequence[Entry]) -> None:
-    """Set `dominated_by` of each; peers stand beside, and dominate nothing."""
+    """Set `dominated_by` and `near_tie` of each; peers stand beside, and dominate nothing.
+
+    Bytes and errors are the same in every run, times are not: each decision is made again with the margin of
+    "distinctly slower" moved by what times differ by between runs, and where that changes it, it is a near tie.
+    """
     ours = [e for e in entries if e.kind != "peer"]
     for entry in entries:
-        better = [e for e in ours if e is not entry and _dominates(e, entry)]
-        entry.dominated_by = min(better, key=lambda e: (e.error, e.nbytes)).label if better else None
+        lenient, nominal, strict = (_best_of(entry, ours, m) for m in (MARGIN / REPEATS, MARGIN, MARGIN * REPEATS))
+        entry.dominated_by = None if nominal is None else nominal.label
+        # the lower the margin, the more is distinctly faster, and the less is dominated
+        other = strict if nominal is None else nominal if lenient is None else None
+        entry.near_tie = None if other is None or entry.error > USELESS else other.label
 
 
-def _dominates(a: Entry, b: Entry) -> bool:
-    if a.nbytes > b.nbytes or a.error > b.error or b.ns.faster_than(a.ns):
+def beaten_anyway(entries: Sequence[Entry], times: Mapping[str, Timing]) -> set[str]:
+    """Labels of what stays dominated even if it should turn out twice as fast as `times` says: not worth timing on."""
+    found = set()
+    for entry in entries:
+        ours = times[entry.label].best
+        for other in entries:
+            beats = other is not entry and other.nbytes <= entry.nbytes and other.error <= entry.error
+            if beats and entry.kind != "peer" and 2 * times[other.label].best < MARGIN * ours and not entry.usual:
+                found.add(entry.label)
+    return found
+
+
+def _best_of(entry: Entry, ours: Sequence[Entry], margin: float) -> Entry | None:
+    """Of what dominates `entry`, the one with the smallest error."""
+    better = [e for e in ours if e is not entry and _dominates(e, entry, margin)]
+    return min(better, key=lambda e: (e.error, e.nbytes, e.label), default=None)
+
+
+def _dominates(a: Entry, b: Entry, margin: float) -> bool:
+    if a.nbytes > b.nbytes or a.error > b.error or b.ns.faster_than(a.ns, margin):
         return False
-    return a.nbytes < b.nbytes or a.error < b.error or a.ns.faster_than(b.ns) or a.label < b.label
+    # of equals the first by name, whatever their times
+    return a.nbytes < b.nbytes or a.error < b.error or a.ns.faster_than(b.ns, margin) or a.label < b.label
 
 
-def choose(entries: Sequence[Entry], tolerance: float, room: float | None, *, smallest_error: bool = False) -> Entry:
+def choose(
+    entries: Sequence[Entry],
+    tolerance: float,
+    room: float | None,
+    *,
+    smallest_error: bool = False,
+    margin: float = MARGIN,
+) -> Entry:
     """The fastest within tolerance and bytes, of equally fast ones the smallest; else the least wrong that fits.
 
-    A formula that is less than `SLOWEST` times slower than the fastest counts as equally fast.
+    A formula that is less than `SLOWEST` times slower than the fastest counts as equally fast. `margin` is what counts
+    as distinctly slower.
     """
     fitting = [e for e in entries if e.nbytes <= (room or math.inf)]
     right = [] if smallest_error else [e for e in fitting if e.meets(tolerance)]
@@ -120,7 +158,8 @@ def choose(entries: Sequence[Entry], tolerance: float, room: float | None, *, sm
         alike = [
             e
             for e in right
-            if not fastest.ns.faster_than(e.ns) or (e.kind == "model" and e.ns.best <= SLOWEST * fastest.ns.best)
+            if not fastest.ns.faster_than(e.ns, margin)
+            or (e.kind == "model" and e.ns.best <= SLOWEST * fastest.ns.best)
         ]
         return min(alike, key=lambda e: (e.nbytes, e.ns.best, e.error))
     if fitting:

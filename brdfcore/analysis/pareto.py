@@ -10,31 +10,44 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from brdfcore.analysis.entries import Entry, choose, mark_dominated
-from brdfcore.analysis.tabulating import Tabulating, variant_of
-from brdfcore.analysis.timing import ROUNDS, Maker, machine, time_all, versions
+from brdfcore.analysis.entries import Entry, beaten_anyway, choose, mark_dominated
+from brdfcore.analysis.tabulating import USUAL, Smallest, Tabulating, variant_of
+from brdfcore.analysis.timing import (
+    MARGIN,
+    REPEATS,
+    ROUNDS,
+    Maker,
+    look_up_maker,
+    look_ups,
+    machine,
+    time_all,
+    versions,
+)
 from brdfcore.brdf import Brdf
 from brdfcore.build import DEFAULT_TOLERANCE, positive
 from brdfcore.combined import Scaled, Sum
-from brdfcore.conventions import FloatArray
-from brdfcore.directions import cosine_pairs
 from brdfcore.errors import InputError
 from brdfcore.metrics import WHOLE, Range, compare
 from brdfcore.models.base import Model
 from brdfcore.registry import REPRESENTATIONS
 from brdfcore.tables.base import Progress, Table
+from brdfcore.tables.seen import Seen
 
 #: Bytes that each representation is built within, in turn.
 SIZES = tuple(8_000 * 2**k for k in range(11))
 #: Nothing more is built after this share of the time; the rest is for timing and pictures.
 _BUILDING = 0.6
+#: Of each representation nothing larger is built than the first with this share of the tolerance: who wants less error
+#: asks for it. A limit by error, not by time, leaves the same tables in every run.
+_FINE = 0.1
 
 
 @dataclass
 class Pareto:
-    """The answer of `pareto`: `entries` by bytes, then error; `chosen` is one of them."""
+    """The answer of `pareto`: `entries` by bytes, then error; `chosen` is one of them.
+
+    rivals  what another run might have chosen, since times differ a little between runs.
+    """
 
     material: str
     source: Brdf = field(repr=False)
@@ -46,6 +59,7 @@ class Pareto:
     left_out: list[str]
     seconds: float
     threads: int
+    rivals: list[Entry] = field(default_factory=list)
     machine: str = field(default_factory=machine)
     versions: dict[str, str] = field(default_factory=versions)
 
@@ -67,6 +81,7 @@ class Pareto:
             "max_bytes": self.max_bytes,
             "machine": {"processor": self.machine, "threads": self.threads, "versions": self.versions},
             "chosen": self.chosen.to_json(self.tolerance),
+            "rivals": [e.label for e in self.rivals],
             "met": self.met,
             "table": None if self.table is None else self.table.to_json(self.tolerance),
             "front": [e.to_json(self.tolerance) for e in self.front],
@@ -91,7 +106,7 @@ def pareto(
     path: Path | None = None,
     light: Range = WHOLE,
     view: Range = WHOLE,
-    refine: bool = True,
+    smallest: Smallest | None = None,
     progress: Progress | None = None,
 ) -> Pareto:
     """Build every applicable representation of `b` over a range of sizes, measure error and speed, and choose.
@@ -118,9 +133,10 @@ def pareto(
     peers : bool
         Also scipy, interpn and, with the `path` of a file of the RGL database, Mitsuba 3, where installed.
     light, view : (float, float)
-        Ranges of theta_i and theta_o, radians, that the error is measured over.
-    refine : bool
-        False: of each representation nothing larger than the first size within the tolerance is built.
+        Ranges of theta_i and theta_o, radians, that tables are made for and the error is measured over.
+    smallest : Smallest, optional
+        Only the smallest that is right enough and quick enough is wanted: what can't be that is neither built nor
+        timed at small batches (`tabulating.Smallest`).
     progress : callable(done, total, stage), optional
 
     Returns
@@ -144,8 +160,14 @@ def pareto(
     classes: list[type[Table]] = [c for c in map(REPRESENTATIONS.load, names) if c.can_hold(b)]
     reference = _exact(b)
     measure = partial(compare, directions=directions, light=light, view=view)
-    work = Tabulating(reference, measure, start + _BUILDING * seconds, None if refine else tolerance, progress)
+    enough = None if smallest_error else tolerance if smallest is not None else _FINE * tolerance
+    work = Tabulating(
+        reference, measure, start + _BUILDING * seconds, tolerance=tolerance, enough=enough, smallest=smallest,
+        progress=progress, seen=Seen(light, view),
+    )  # fmt: skip
     entries = [*_given(b, reference, work), *work.tables(classes, sorted(set(map(int, sizes))))]
+    if smallest is None and USUAL[0] in names:
+        entries += work.usual()
     makers = {e.label: look_up_maker(e.brdf) for e in entries if e.brdf is not None}
     single: dict[str, Any] = {}
     if peers:
@@ -158,12 +180,19 @@ def pareto(
             f"nothing can hold it{': ' + '; '.join(work.left_out) if work.left_out else ''}",
             where="representations",
         )
-    for name, timings in time_all(makers, rounds=rounds, single=single, progress=progress).items():
+    headline = smallest is not None
+    settled = None if headline else partial(beaten_anyway, [e for e in entries if e.kind != "peer"])
+    times = time_all(makers, rounds=rounds, single=single, headline=headline, settled=settled, progress=progress)
+    for name, timings in times.items():
         next(e for e in entries if e.label == name).timings = timings
     entries.sort(key=lambda e: (e.nbytes, e.error, e.label))
     mark_dominated(entries)
     ours = [e for e in entries if e.kind != "peer"]
     tables = [e for e in ours if e.kind == "table"]
+    chosen, *others = (
+        choose(ours, tolerance, room, smallest_error=smallest_error, margin=m)
+        for m in (MARGIN, MARGIN / REPEATS, MARGIN * REPEATS)
+    )
     from brdfcore.kernels import launch
 
     return Pareto(
@@ -172,7 +201,8 @@ def pareto(
         tolerance=tolerance,
         max_bytes=None if room is None else int(room),
         entries=entries,
-        chosen=choose(ours, tolerance, room, smallest_error=smallest_error),
+        chosen=chosen,
+        rivals=[e for e in ours if e is not chosen and any(e is other for other in others)],
         table=choose(tables, tolerance, room, smallest_error=smallest_error) if tables else None,
         left_out=work.left_out,
         seconds=time.perf_counter() - start,
@@ -205,15 +235,15 @@ def _given(b: Brdf, reference: Brdf, work: Tabulating) -> Iterator[Entry]:
     if isinstance(reference, Table):
         work.known(reference)
         detail = variant_of(reference)
-        yield Entry(
+        yield work.given(Entry(
             reference.name, f"{detail}, as given", "table", reference.nbytes, 0.0, work.measured(reference), reference
-        )
+        ))  # fmt: skip
     elif is_formula(reference):
         name = reference.name if isinstance(reference, Model) else "formula"
-        yield Entry(name, "exact", "model", 0, 0.0, work.measured(reference), reference)
+        yield work.given(Entry(name, "exact", "model", 0, 0.0, work.measured(reference), reference))
         if isinstance(reference, Model) and reference.FAST:
             fast = _tier(reference, "fast")
-            yield Entry(name, "fast", "model", 0, 0.0, work.measured(fast), fast)
+            yield work.given(Entry(name, "fast", "model", 0, 0.0, work.measured(fast), fast))
 
 
 def _peers(
@@ -240,20 +270,4 @@ def _peers(
             assert like is not None
             comparison = like.comparison
         entry = Entry(peer.name, peer.detail, "peer", peer.nbytes, 0.0, comparison)
-        yield entry, (lambda n, peer=peer: peer.maker(_angles(n))), peer.single  # type: ignore[misc]
-
-
-def _angles(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    theta_i, theta_o, delta_phi = (x.astype(np.float32) for x in cosine_pairs(n, 1))
-    return theta_i, theta_o, delta_phi
-
-
-def look_up_maker(b: Brdf) -> Maker:
-    """What `time_all` times: float32 look-ups of `b` into an array that exists."""
-
-    def make(n: int) -> Any:
-        angles = _angles(n)
-        out = np.empty((n, len(b.channels)), np.float32)
-        return lambda: b.evaluate(*angles, out=out)
-
-    return make
+        yield entry, (lambda n, peer=peer: peer.maker(look_ups(n))), peer.single  # type: ignore[misc]

@@ -6,9 +6,13 @@ database with its `measured` plug-in. What is not installed is left out, and nam
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from threading import Thread
@@ -18,6 +22,19 @@ import numpy as np
 
 from brdfcore.brdf import Brdf
 from brdfcore.conventions import FloatArray
+
+#: A few look-ups of the file whose path is the argument.
+_TRIAL = """
+import sys
+import drjit as dr, mitsuba as mi
+mi.set_variant("llvm_ad_rgb")
+bsdf = mi.load_dict({"type": "measured", "filename": sys.argv[1]})
+interaction = dr.zeros(mi.SurfaceInteraction3f, 100)
+interaction.wi = mi.warp.square_to_uniform_hemisphere(mi.Point2f(dr.linspace(mi.Float, 0, 1, 100), 0.3))
+dr.eval(bsdf.eval(mi.BSDFContext(), interaction, interaction.wi))
+dr.sync_thread()
+"""
+_TRIAL_SECONDS = 60.0
 
 Angles = tuple[FloatArray, FloatArray, FloatArray]
 
@@ -78,7 +95,12 @@ def grid_peers(values: FloatArray, bilateral: bool) -> tuple[list[Peer], list[st
 
 
 def mitsuba_peer(path: Path, source: Brdf) -> tuple[list[Peer], list[str]]:
-    """Mitsuba 3's `measured` plug-in on a file of the RGL database, RGB; or why not."""
+    """Mitsuba 3's `measured` plug-in on a file of the RGL database, RGB; or why not.
+
+    It is tried in a process of its own first: with some versions of LLVM its compiler ends the process it runs in.
+    """
+    if why := _tried(path):
+        return [], [f"Mitsuba: {why}"]
     try:
         import drjit as dr
         import mitsuba as mi
@@ -116,6 +138,24 @@ def mitsuba_peer(path: Path, source: Brdf) -> tuple[list[Peer], list[str]]:
 
     size, like = path.stat().st_size, _Mitsuba(maker, source)
     return [Peer("Mitsuba 3 measured", f"version {mi.__version__}", size, maker, like, single)], []
+
+
+@cache
+def _tried(path: Path) -> str:
+    """Why Mitsuba can't look up this file here; "" if it can."""
+    if find_spec("mitsuba") is None:
+        return "not installed (the `bench` extra brings it)"
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _TRIAL, str(path)], capture_output=True, text=True, errors="replace",
+            timeout=_TRIAL_SECONDS, check=False,
+        )  # fmt: skip
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"its trial did not end: {type(error).__name__}"
+    if done.returncode == 0:
+        return ""
+    said = [line for line in done.stderr.splitlines() if "error" in line.lower()] or ["nothing said"]
+    return f"its trial ended with {done.returncode}: {said[-1 if done.returncode > 0 else 0].strip()[:120]}"
 
 
 class _Mitsuba(Brdf):

@@ -13,6 +13,7 @@ import numpy as np
 from brdfcore.analysis.entries import SLOWEST, Entry
 from brdfcore.analysis.pareto import Pareto, is_formula, pareto
 from brdfcore.analysis.scene import Scene, SceneMaterial, Selected, read_scene
+from brdfcore.analysis.tabulating import Smallest
 from brdfcore.analysis.timing import machine, versions
 from brdfcore.brdf import Brdf
 from brdfcore.directions import mixture
@@ -137,9 +138,9 @@ def plan(
 
     Equal materials share one table, made for all the angles and channels that any of them is seen in and for the least
     error. Of each material only the channels needed are tabulated, and errors are measured over the angles it is seen
-    in, so that a table is no larger than these ask for; outside them it answers, with an error that nobody measured. A
-    formula is not tabulated unless that makes it at least `SLOWEST` times faster. Nothing is written: see
-    `analysis.plan_build.build`.
+    in. A half_difference table has its nodes there too, so that it is smaller, and `Brdf.status` says EXTRAPOLATED
+    beyond; outside those angles every table answers with an error that nobody measured. A formula is not tabulated
+    unless that makes it at least `SLOWEST` times faster. Nothing is written: see `analysis.plan_build.build`.
 
     sizes, directions, representations are those of `pareto`. Raises what `read_scene` raises.
     """
@@ -148,9 +149,14 @@ def plan(
     for material in found.materials:
         groups.setdefault(material.identity, []).append(material)
     choices = []
+    speeds: dict[tuple[str, str, int], float] = {}
     for k, group in enumerate(groups.values()):
         told = _told(progress, group[0].name, k, len(groups))
-        choices.append(_choice(group, found, told, sizes=sizes, directions=directions, representations=representations))
+        wanted = frozenset({"harmonic"}) if _environment(group) else frozenset()
+        smallest = Smallest(found.ns, wanted, speeds)
+        choices.append(
+            _choice(group, found, told, smallest, sizes=sizes, directions=directions, representations=representations)
+        )
     return Plan(found, choices)
 
 
@@ -158,6 +164,7 @@ def _choice(
     group: list[SceneMaterial],
     scene: Scene,
     progress: Progress | None,
+    smallest: Smallest,
     *,
     sizes: Sequence[int],
     directions: int,
@@ -174,14 +181,17 @@ def _choice(
     drawn = _enough(directions, light, view)
     found = pareto(
         source, material=first.name, tolerance=tolerance, sizes=sizes, directions=drawn, rounds=_ROUNDS, seconds=60.0,
-        light=light, view=view, refine=False, representations=representations, progress=progress,
+        light=light, view=view, smallest=smallest, representations=representations, progress=progress,
     )  # fmt: skip
     if not whole:
         _with_formula(found, first.brdf, drawn, light, view)
-    environment = all(m.lighting == "environment" for m in group)
-    entry, reason, met = decide(found, scene.ns, environment)
+    entry, reason, met = decide(found, scene.ns, _environment(group))
     names, others = [m.name for m in group], _alternatives(found, entry, scene.ns)
     return Choice(names, source, light, view, tolerance, entry, reason, met, others, drawn)
+
+
+def _environment(group: list[SceneMaterial]) -> bool:
+    return all(m.lighting == "environment" for m in group)
 
 
 def _span(ranges: Sequence[Range]) -> Range:
@@ -194,7 +204,7 @@ def _with_formula(found: Pareto, b: Brdf, directions: int, light: Range, view: R
     if is_formula(b):
         more = pareto(
             b, material=found.material, tolerance=found.tolerance, sizes=(), directions=directions, rounds=_ROUNDS,
-            light=light, view=view,
+            light=light, view=view, smallest=Smallest(),
         )  # fmt: skip
         found.entries += more.entries
 
@@ -218,11 +228,21 @@ def decide(found: Pareto, limit: float | None, environment: bool) -> tuple[Entry
     if best.kind == "model":
         table = min((e for e in right if e.kind == "table"), key=lambda e: e.ns.best, default=None)
         if table is None:
-            return best, "no table is right enough, and the formula needs none", True
+            return best, _without_table(best, found), True
         ratio = best.ns.best / table.ns.best
         speed = f"is {1 / ratio:.1f} x as fast as" if ratio < 1 else f"takes {ratio:.1f} x the time of"
         return best, f"no table needed: the formula {speed} the fastest table that is right enough", True
     return best, "the smallest that is right enough" + (" and fast enough" if len(quick) < len(right) else ""), True
+
+
+def _without_table(formula: Entry, found: Pareto) -> str:
+    """Why a formula is taken where no table that is right enough was built."""
+    tried = min((e.ns.best for e in found.entries if e.kind == "table"), default=math.inf)
+    if formula.ns.best > SLOWEST * tried:
+        return "no table is right enough, and the formula needs none"
+    return (
+        f"no table needed: the formula takes {formula.ns.best / tried:.1f} x the time of the fastest table of any size"
+    )
 
 
 def _constant(found: Pareto) -> bool:

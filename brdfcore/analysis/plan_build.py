@@ -14,6 +14,7 @@ from brdfcore.errors import InputError, StorageError
 from brdfcore.io import read, write
 from brdfcore.metrics import compare
 from brdfcore.tables.base import Progress, Table
+from brdfcore.tables.seen import Seen
 
 #: JSON, under a name that the service does not take for a material's.
 MANIFEST = "plan.manifest"
@@ -46,7 +47,8 @@ def build(plan: Plan, folder: Path, *, progress: Progress | None = None) -> dict
 def _write(choice: Choice, folder: Path) -> None:
     name, b = choice.names[0], choice.entry.brdf
     if isinstance(b, Table):
-        b.error = {**choice.entry.comparison.to_json(), "tolerance": choice.tolerance, "warnings": []}
+        over = Seen(choice.light, choice.view).attributes()
+        b.error = {**choice.entry.comparison.to_json(), **over, "tolerance": choice.tolerance, "warnings": []}
         path, other = folder / f"{name}.h5", folder / f"{name}.json"
         b.save(path)
     elif b is not None and is_formula(b) and not isinstance(b, (Sum, Scaled)):

@@ -42,8 +42,7 @@ def compare(
     """
     found = measures(reference, candidate, directions=directions, seed=seed, light=light, view=view)
     if speed:
-        from brdfcore.analysis.pareto import look_up_maker
-        from brdfcore.analysis.timing import time_all
+        from brdfcore.analysis.timing import look_up_maker, time_all
 
         times = time_all({"": look_up_maker(candidate)})[""]
         nbytes = int(getattr(candidate, "nbytes", 0))

@@ -60,7 +60,7 @@ def measured_on(report: Report) -> str:
     first = report.items[0].found
     stated = ", ".join(f"{k} {v}" for k, v in first.versions.items())
     return (
-        "ns: a million float32 look-ups in one call, on one thread, the fastest of the interleaved rounds; "
+        "ns: a million float32 look-ups in one call, processor time of one thread, the fastest of the rounds; "
         f"{first.machine}; {stated}." + (f" Made by `{report.command}`." if report.command else "")
     )
 

@@ -1,7 +1,8 @@
 "use strict";
 // Draws each material's front from the JSON beside it; without scripts the table says the same.
 (function () {
-  const NS = "http://www.w3.org/2000/svg", W = 1080, H = 430, L = 96, R = 24, T = 18, B = 54;
+  const NS = "http://www.w3.org/2000/svg", H = 430, L = 96, R = 24, T = 18, B = 54;
+  const WIDEST = 1080, NARROWEST = 440; // as wide as the page, so that letters keep their size
   const SHAPES = ["circle", "square", "triangle", "diamond", "down", "cross"];
   const BANDS = { nbytes: "no table", ns: "" };
 
@@ -33,13 +34,14 @@
   function draw(section) {
     const data = JSON.parse(section.querySelector("script[type='application/json']").textContent);
     const box = section.querySelector(".plot"), looks = data.looks;
-    let key = "nbytes";
+    let key = "nbytes", W = WIDEST;
     const tip = document.createElement("div");
     tip.className = "tip";
     tip.hidden = true;
 
     function paint() {
       box.querySelector("svg.front")?.remove();
+      W = Math.max(NARROWEST, Math.min(WIDEST, box.clientWidth - 18));
       const svg = node("svg", { class: "front", viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": "error against " + (key === "ns" ? "time" : "bytes") });
       const all = data.entries.filter(e => e.error !== null);
       const positive = all.map(e => e[key]).filter(v => v > 0);
@@ -57,14 +59,17 @@
       for (let k = lo; k <= hi; k++) {
         const x = X(10 ** k);
         node("line", { x1: x, x2: x, y1: T, y2: H - B, stroke: "#ddd" }, svg);
-        if (!none || k > lo) node("text", { x: x, y: H - B + 18, "text-anchor": k === hi ? "end" : "middle" }, svg, power(k, key));
+        const every = Math.ceil(70 * (hi - lo) / (W - R - L - none)); // as many as there is room for
+        if ((!none || k > lo) && (hi - k) % every === 0) node("text", { x: x, y: H - B + 18, "text-anchor": k === hi ? "end" : "middle" }, svg, power(k, key));
       }
       if (none) node("text", { x: L + 40, y: H - B + 18, "text-anchor": "middle" }, svg, BANDS.nbytes);
       node("line", { x1: L, x2: W - R, y1: H - B, y2: H - B, stroke: "#222" }, svg);
       node("line", { x1: L, x2: W - R, y1: yt, y2: yt, stroke: "#1a6b28", "stroke-dasharray": "6 4" }, svg);
-      node("text", { x: W - R - 6, y: yt + 16, "text-anchor": "end", style: "fill:#1a6b28" }, svg, "right enough: " + data.tolerance_text + " or less");
+      // below the points, on the side where few of them are
+      node("text", { x: L + 8, y: yt + 17, style: "fill:#1a6b28;font-weight:700" }, svg, "right enough: " + data.tolerance_text + " or less");
       node("text", { x: (L + W - R) / 2, y: H - 10, "text-anchor": "middle" }, svg, key === "ns"
-        ? "time of one look-up, of a million at once on one core (further left is better)" : "memory of the table (further left is better)");
+        ? (W < 700 ? "time of a look-up (further left is better)" : "time of one look-up, of a million at once on one core (further left is better)")
+        : "memory of the table (further left is better)");
       node("text", { x: 0, y: 0, transform: `translate(16 ${(T + H - B) / 2}) rotate(-90)`, "text-anchor": "middle" }, svg, "error: energy misplaced (lower is better)");
       const path = [];
       for (const e of data.entries.filter(e => e.on_front).sort((a, b) => a[key] - b[key] || a.error - b.error))
@@ -94,10 +99,11 @@
         point.addEventListener("mouseleave", hide);
         point.addEventListener("blur", hide);
       }
+      const halo = "font-weight:700;paint-order:stroke;stroke:#fff;stroke-width:4px;fill:";
       const c = data.entries[data.chosen], cx = X(c[key]), cy = Y(c.error), far = cx > W * .6, low = cy > H - B - 50;
       node("circle", { cx: cx, cy: cy, r: 13, fill: "none", stroke: "#cc3311", "stroke-width": 2.5, "pointer-events": "none" }, svg);
       const label = node("text", { x: cx + (far ? -18 : 18), y: cy + (low ? -14 : -12), "text-anchor": far ? "end" : "start", "pointer-events": "none" }, svg, (data.met ? "use this: " : "closest: ") + c.label);
-      label.setAttribute("style", "fill:#cc3311;font-weight:700;paint-order:stroke;stroke:#fff;stroke-width:4px");
+      label.setAttribute("style", halo + "#cc3311");
       box.prepend(svg);
     }
     box.appendChild(tip);
@@ -121,6 +127,8 @@
       paint();
     }));
     paint();
+    let wide = box.clientWidth;
+    window.addEventListener("resize", () => { if (box.clientWidth !== wide) { wide = box.clientWidth; paint(); } });
   }
   document.querySelectorAll("section.material").forEach(draw);
 })();

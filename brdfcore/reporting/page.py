@@ -249,9 +249,9 @@ def _method(report: Report) -> str:
 <p><b>Error (L1)</b>: the share of the reflected energy that is in the wrong direction, with light from everywhere:
 ∫|f′−f| cosθᵢ cosθₒ / ∫f cosθᵢ cosθₒ, against the material as given, on {directions:,} random pairs of directions
 (seed {seed}), none a node of a table. ± is one standard error. <b>p99 off by</b>: 99 % of the values are within it.</p>
-<p><b>Time</b>: float32 angles, a million look-ups in one call on one core; all candidates in turn, round after round,
-so that drift hits all alike. The fastest round is quoted, then the median. Differences below a quarter count as
-none.</p>
+<p><b>Time</b>: float32 angles, a million look-ups in one call on one core, in processor time (others at work on the
+machine do not count); all candidates in turn, round after round, so that drift hits all alike. The fastest round is
+quoted, then the median. Differences below a quarter count as none.</p>
 <p><b>Front</b>: what no other is no larger than, no less exact than, and not distinctly slower than.
 <b>Chosen</b>: the fastest within the tolerance; of equally fast ones the smallest; a formula where no table is four
 times faster.</p>

@@ -6,6 +6,7 @@ import math
 
 from brdfcore.analysis.entries import Entry
 from brdfcore.analysis.pareto import Pareto
+from brdfcore.analysis.tabulating import USUALLY
 
 #: Below this an error is called exact to float32's precision rather than quoted.
 NEXT_TO_NOTHING = 1e-6
@@ -55,7 +56,7 @@ def title(entry: Entry) -> str:
     if entry.kind == "peer":
         return f"{entry.representation} ({entry.variant})"
     article = "an" if entry.representation[:1] in "aeiou" else "a"
-    return f"{article} {entry.representation} table ({entry.variant})"
+    return f"{article} {entry.representation} table ({entry.variant.removesuffix(USUALLY)})"
 
 
 def figures(entry: Entry) -> str:
@@ -79,6 +80,7 @@ def alternatives(found: Pareto) -> list[str]:
             said.append(f"If it has to be a table: {title(found.table)}, {figures(found.table)}.")
         else:
             said.append(f"No table tried is right enough; the closest is {title(found.table)}, {figures(found.table)}.")
+    said += [f"As good, as far as times can be told apart: {title(r)}, {figures(r)}." for r in found.rivals]
     smaller = min((e for e in right if e.nbytes < chosen.nbytes), key=lambda e: e.nbytes, default=None)
     if smaller is not None:
         said.append(f"If memory counts more than speed: {title(smaller)}, {figures(smaller)}.")
@@ -88,7 +90,7 @@ def alternatives(found: Pareto) -> list[str]:
         said.append(f"If the error has to be smaller: {title(best)}, {figures(best)}.")
     usual = next((e for e in found.entries if e.usual), None)
     if usual is not None and chosen is not usual:
-        said.append(f"{title(usual)[:1].upper()}{title(usual)[1:]}, has {figures(usual)}.")
+        said.append(f"The usual practice, {title(usual)}: {figures(usual)}.")
     return said
 
 
@@ -100,4 +102,6 @@ def verdict(entry: Entry, found: Pareto) -> str:
         return "another library"
     if entry.dominated_by is not None:
         return f"beaten by {entry.dominated_by}"
-    return "on the front" if entry.on_front else "too wrong to use"
+    if not entry.on_front:
+        return "too wrong to use"
+    return "on the front" + (f" by a near tie in speed with {entry.near_tie}" if entry.near_tie else "")

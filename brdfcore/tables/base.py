@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ import numpy.typing as npt
 from brdfcore.brdf import Brdf, Channels
 from brdfcore.errors import FileFormatError, InputError
 from brdfcore.parameters import Parameter
+from brdfcore.tables.seen import EVERYWHERE, Seen
 
 #: Called as progress(done, total, stage) while a table is built and measured.
 Progress = Callable[[int, int, str], None]
@@ -48,6 +50,8 @@ class BuildOptions:
     fold: frozenset[str] = frozenset()
     #: What a representation's `candidates` finds out about the source once for all of them; opaque to others.
     prepared: Any = None
+    #: Angles that the table is wanted for; a representation that gains nothing by it leaves this aside.
+    seen: Seen = EVERYWHERE
     #: Expected time of a look-up, in those of a table that stays in the nearest caches: what "fastest" goes by.
     time: float = 10.0
 
@@ -74,6 +78,7 @@ class Table(Brdf):
     SUMMARY: ClassVar[str] = ""
     #: Whether "auto" considers it: False for what another representation is always better at.
     FOR_AUTO: ClassVar[bool] = True
+    _fixed = True
 
     def __init__(self, channels: Channels, flags: Mapping[str, bool]) -> None:
         super().__init__()
@@ -123,6 +128,11 @@ class Table(Brdf):
     def worth_refining(cls, l1: float, tolerance: float) -> bool:
         """Whether a larger candidate could reach `tolerance` when this one has error `l1`."""
         return True
+
+    @classmethod
+    def largest_gain(cls, interpolation: str, ratio: float) -> float:
+        """Factor that the error may fall by from one table to one of `ratio` times its bytes, at most; inf: unknown."""
+        return math.inf
 
     @property
     def flags(self) -> dict[str, bool]:

@@ -53,6 +53,9 @@ class HalfDifference(HalfLattice):
         map_d   uint16 (321,)   node position over w
         map_p   uint16 (n,)     node position over phi_d's diamond angle, 64 steps a quarter turn
 
+    A table made for some angles only (`seen`) has its nodes where these are, and is fitted to them; beyond them it
+    continues, and `status` says EXTRAPOLATED.
+
     Interpolated values never exceed the largest node of the cell, times guide and K there. Look-ups run in the type
     of the angles.
     """
@@ -116,6 +119,7 @@ class HalfDifference(HalfLattice):
             source.channels,
             flags,
             sampled_delta(source),
+            options.seen,
         )
         if flags["energy_conserving"]:
             table.energy_conserving = bool((table.albedo(np.radians(_ENERGY_ANGLES)) <= 1 + ALBEDO_SLACK).all())
@@ -175,7 +179,7 @@ def _prepared(source: Brdf, options: BuildOptions) -> Callable[[Progress | None]
         if not found:
             if progress is not None:
                 progress(0, 1, "placing the nodes")
-            fitter = Fitter(source, sample, bilateral, bilateral and reciprocal)
+            fitter = Fitter(source, sample, bilateral, bilateral and reciprocal, options.seen)
             found.append((fitter, fitter.layout()))
             if progress is not None:
                 progress(1, 1, "placing the nodes")

@@ -20,8 +20,9 @@ import numpy.typing as npt
 
 from brdfcore.brdf import Brdf
 from brdfcore.conventions import HALF_PI
-from brdfcore.directions import mixture
+from brdfcore.directions import DirectionSet, mixture
 from brdfcore.geometry import angles_from_vectors
+from brdfcore.tables.seen import EVERYWHERE, Seen
 
 Float64Array = npt.NDArray[np.float64]
 Sample = Callable[[Float64Array, Float64Array, Float64Array], Float64Array]
@@ -59,6 +60,10 @@ _CHUNK = 262_144
 _SMOOTHNESS = 1e-4
 #: Below this share of its median magnitude a value counts as that large when errors are made relative.
 _FLOOR = 0.1
+#: Weight of directions that the table is not wanted for: enough to continue sensibly, too little to take from the rest.
+_UNSEEN = 1e-3
+#: Least share of _DRAWS that has to be within the angles seen, and most that are drawn to have it.
+_LEAST_SHARE, _MOST_DRAWS = 0.4, 1_000_000
 #: What the mean relative error counts beside L1 when nodes are placed: at 0.3 dark directions halve their error and L1
 #: stays as it is. Below _DARKEST of the mean value a direction counts as that bright.
 _RELATIVE, _DARKEST = 0.3, 0.001
@@ -158,13 +163,16 @@ def angles_of(
 class Fitter:
     """One source on its way to a table."""
 
-    def __init__(self, source: Brdf, sample: Sample, bilateral: bool, reciprocal: bool) -> None:
+    def __init__(
+        self, source: Brdf, sample: Sample, bilateral: bool, reciprocal: bool, seen: Seen = EVERYWHERE
+    ) -> None:
         from brdfcore.kernels.half_coordinates import coordinates_numpy
 
-        self.sample, self.bilateral, self.reciprocal = sample, bilateral, reciprocal
+        self.sample, self.bilateral, self.reciprocal, self.seen = sample, bilateral, reciprocal, seen
         self.channels = len(source.channels)
-        drawn = mixture(_DRAWS, _DRAW_SEED)
-        used = (drawn.weight > 0) & (np.maximum(drawn.theta_i, drawn.theta_o) < np.radians(89.5))
+        drawn, used = self._drawn(_DRAWS)
+        if (few := used.sum() / _DRAWS) < _LEAST_SHARE:  # a narrow range: as many draws within it as it takes
+            drawn, used = self._drawn(min(int(_DRAWS * _LEAST_SHARE / max(few, 1e-9)), _MOST_DRAWS))
         self.theta_i, self.theta_o, self.delta_phi = drawn.theta_i[used], drawn.theta_o[used], drawn.delta_phi[used]
         self.values = sample(self.theta_i, self.theta_o, self.delta_phi)
         angles = (self.theta_i, self.theta_o, self.delta_phi)
@@ -180,6 +188,12 @@ class Fitter:
         dark = np.where(lobe, 0, cosines)
         dark /= max(float(dark.sum()), 1e-300)
         self.relative = dark / np.maximum(size + _DARKEST * float((dark * size).sum()), 1e-300)
+
+    def _drawn(self, count: int) -> tuple[DirectionSet, npt.NDArray[np.bool_]]:
+        """Seeded directions, and which of them are seen and above the horizon."""
+        drawn = mixture(count, _DRAW_SEED)
+        used = (drawn.weight > 0) & (np.maximum(drawn.theta_i, drawn.theta_o) < np.radians(89.5))
+        return drawn, used & self.seen.holds(drawn.theta_i, drawn.theta_o)
 
     # ---- guide and spacing --------------------------------------------------------------------
 
@@ -333,6 +347,8 @@ class Fitter:
             if typical is None:  # a lobe may underflow over most of the lattice
                 typical = float(np.median(size[size > 0])) if (size > 0).any() else 1.0
             weight = (np.cos(theta_i) * np.cos(theta_o) + 1e-3) / (size**2 + (_FLOOR * typical) ** 2)
+            if not self.seen.whole:
+                weight *= np.where(self.seen.holds(theta_i, theta_o, swapped=self.reciprocal), 1.0, _UNSEEN)
             cell = place.astype(np.int64)
             assemble.serial(cell, place - cell, weight, values, matrix, right, shape[1], shape[2])
             if progress is not None:

@@ -17,9 +17,9 @@ import numpy.typing as npt
 from brdfcore.brdf import Channels
 from brdfcore.conventions import FloatArray
 from brdfcore.errors import FileFormatError
-from brdfcore.status import Status
 from brdfcore.tables.base import Table, checked_delta, interpolated_delta
 from brdfcore.tables.half_fit import FACTORS, Layout
+from brdfcore.tables.seen import EVERYWHERE, Seen
 
 #: Largest magnitude of a stored node: below float16's 65,504, so that rounding can't reach infinity.
 _LARGEST = 60_000.0
@@ -55,11 +55,13 @@ class HalfLattice(Table):
         channels: Channels,
         flags: Mapping[str, bool],
         delta: npt.NDArray[np.float64] | None = None,
+        seen: Seen = EVERYWHERE,
     ) -> None:
         super().__init__(channels, flags)
         self.arrays = {name: np.require(arrays[name], requirements=("C", "A", "W")) for name in _ARRAYS}
         self.scale, self.guide, self.factor, self.mirror, self.delta = scale, guide, factor, mirror, delta
         self.has_delta = delta is not None
+        self.seen = seen
         #: phi_d is folded by these; the flags say what holds, the fold what is stored.
         self._reciprocal_fold = self.arrays["map_p"].size - 1 == steps_z(self.bilateral, True)
         self._n_d, self._n_p = (np.int32(n) for n in self.arrays["values"].shape[1:3])
@@ -102,7 +104,7 @@ class HalfLattice(Table):
         return bool(outside == 0)
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
-        return np.full(theta_i.shape, Status.INTERPOLATED, np.uint8)
+        return self.seen.status(theta_i, theta_o)
 
     def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         if self.delta is None:
@@ -116,7 +118,8 @@ class HalfLattice(Table):
 
     def attributes(self) -> dict[str, Any]:
         low, step = self.guide
-        return {"scale": self.scale, "factor": self.factor, "mirror": self.mirror, "guide_low": low, "guide_step": step}
+        numbers = {"scale": self.scale, "guide_low": low, "guide_step": step}
+        return {**numbers, "factor": self.factor, "mirror": self.mirror, **self.seen.attributes()}
 
     @classmethod
     def from_arrays(
@@ -161,7 +164,8 @@ class HalfLattice(Table):
         if not isinstance(mirror, bool):
             raise cls._bad("mirror", repr(mirror)[:40], "true or false")
         guide = (numbers["guide_low"], numbers["guide_step"])
-        return cls(arrays, numbers["scale"], guide, str(factor), mirror, channels, flags, delta)
+        seen = Seen.from_attributes(cls.name, attributes)
+        return cls(arrays, numbers["scale"], guide, str(factor), mirror, channels, flags, delta, seen)
 
     @classmethod
     def _bad(cls, field: str, got: str, expected: str) -> FileFormatError:

@@ -2,21 +2,27 @@
 
 Formulas matt to sharp, measured files where ../shared is present, equal materials, narrow angles, single channels, an
 environment. Every built file is read again and measured over the angles it is seen in, on directions and by a sum
-written here, not by `metrics`.
+written here, not by `metrics`. Beside the total: a MERL table each, and what a table for the angles seen saves.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import brdfcore as bc
-from brdfcore.analysis.timing import machine
+from brdfcore.analysis.tabulating import USUAL
+from brdfcore.analysis.timing import look_up_maker, machine, time_all
+from brdfcore.tables.base import BuildOptions
+from brdfcore.tables.half_difference import HalfDifference
+from brdfcore.tables.seen import EVERYWHERE, Seen
 from tests import shared
 
 
@@ -71,6 +77,49 @@ def remeasured(choice: Any, folder: Path, seed: int) -> tuple[float, float]:
     return l1, float(np.sqrt(np.sum((w * (wrong - l1 * energy)) ** 2)) / abs(total))
 
 
+def told(done: int, total: int, stage: str) -> None:
+    """A line on stderr as each material begins."""
+    if stage.endswith("building harmonic 8"):
+        print(f"{100 * done // max(total, 1):3} %  {stage.partition(':')[0]}", file=sys.stderr, flush=True)
+
+
+def naive_ns(planned: Any) -> float:
+    """One look-up in a MERL-layout table of each material (node next to the direction), all channels of each.
+
+    The time of such a look-up does not depend on what the table holds: one table a number of channels is timed.
+    """
+    counts = [len(m.brdf.channels) for m in planned.scene.materials]
+    makers = {}
+    for channels in sorted(set(counts)):
+        values = [0.1 + 0.1 * k for k in range(channels)]
+        grey = bc.model("lambert", reflectance=values if channels > 1 else values[0])
+        makers[str(channels)] = look_up_maker(bc.tabulate(grey, USUAL[0], shape=USUAL[1], interpolation=USUAL[2]))
+    times = time_all(makers, headline=True)
+    return sum(times[str(n)]["1000000"].best for n in counts)
+
+
+def limited_and_not(name: str, light: tuple[float, float], view: tuple[float, float]) -> None:
+    """L1 over the angles seen (degrees) of half_difference made for them and made for all, at equal bytes."""
+    source = bc.read(shared.rgl_path(name))
+    seen = Seen(*((float(np.radians(a)), float(np.radians(b))) for a, b in (light, view)))
+    print(f"\n{name}, light {light}, view {view}: error over what is seen, made for it / for all angles")
+    prepared: dict[Seen, Any] = {}
+    for size in (32_000, 64_000, 128_000, 256_000, 512_000):
+        found = []
+        for made_for in (seen, EVERYWHERE):
+            tables = []
+            for options in HalfDifference.candidates(
+                source, BuildOptions(seen=made_for, prepared=prepared.get(made_for)), size
+            ):
+                prepared[made_for] = options.prepared
+                table = HalfDifference.build(source, options)
+                l1 = bc.compare(source, table, light=seen.light, view=seen.view, seed=5, directions=150_000).l1
+                tables.append((l1, table.nbytes))
+            found.append(min(tables))
+        (a, bytes_a), (b, bytes_b) = found
+        print(f"{bytes_a:9} bytes {a:.5f}   {bytes_b:9} bytes {b:.5f}   {b / a:.2f} x", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keep", type=Path, help="folder for what is built; default: a temporary one")
@@ -82,14 +131,16 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = given.keep or Path(temporary)
         content = scene()
-        planned = plan(content)
+        start = time.perf_counter()
+        planned = plan(content, progress=told)
+        seconds = time.perf_counter() - start
         manifest = build(planned, folder)
         if given.keep:
             (folder / "scene.txt").write_text(json.dumps(content, indent=1))
         print(f"{'materials':28} {'use':42} {'bytes':>9} {'ns':>6} {'L1':>9} {'fresh':>9} +- {'':8}  because")
         worst = 0.0
-        for choice, told in zip(planned.choices, manifest["materials"]):
-            l1, spread = remeasured({**told, "source": choice.source}, folder, 99)
+        for choice, stored in zip(planned.choices, manifest["materials"]):
+            l1, spread = remeasured({**stored, "source": choice.source}, folder, 99)
             worst = max(worst, l1 / choice.tolerance)
             print(
                 f"{', '.join(choice.names):28} {choice.entry.label:42} {choice.entry.nbytes:9} "
@@ -98,8 +149,12 @@ def main() -> None:
             )
         total = manifest["total"]
         print(f"{total['materials']} materials, {total['bytes']} bytes, {total['ns']:.0f} ns for one look-up of each")
+        print(f"a MERL table each: {naive_ns(planned):.0f} ns for one look-up of each; planned in {seconds:.0f} s")
         print(f"a MERL table each: {total['naive_bytes']} bytes; this is {100 * total['share_of_naive']:.3f} % of it")
         print(f"worst error on fresh directions: {worst:.2f} x tolerance; problems: {planned.problems or 'none'}")
+    if shared.RGL.exists():
+        limited_and_not("irid_flake_paint2", (0, 70), (20, 70))
+        limited_and_not("vch_golden_yellow", (0, 60), (60, 85))
 
 
 if __name__ == "__main__":

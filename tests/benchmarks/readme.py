@@ -18,6 +18,7 @@ TABLES = {
         ["phong_against_torrance", "-o", str(README.parent / "app" / "web" / "phong-against-torrance.png")],
         True,
     ),
+    "report": (["report", "--readme"], True),
     "accuracy": (["accuracy", "--markdown"], True),
     "tables": (["tables", "measured", "analytic", "speed"], False),
     "lookup": (["lookup"], False),
@@ -28,8 +29,11 @@ def main() -> None:
     for marker in sys.argv[1:] or TABLES:
         (module, *arguments), markdown = TABLES[marker]
         done = subprocess.run(
-            [sys.executable, "-m", f"tests.benchmarks.{module}", *arguments], capture_output=True, text=True, check=True
-        )
+            [sys.executable, "-m", f"tests.benchmarks.{module}", *arguments],
+            stdout=subprocess.PIPE,
+            text=True,
+            check=True,
+        )  # what it says of its progress is shown
         body = done.stdout.strip() if markdown else f"```text\n{done.stdout.strip()}\n```"
         text = README.read_text(encoding="utf-8")
         pattern = rf"(<!-- {marker} -->\n).*?(<!-- /{marker} -->)"

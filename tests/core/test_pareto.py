@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import brdfcore as bc
-from brdfcore.analysis.entries import USELESS, Entry, choose, mark_dominated
+from brdfcore.analysis import peers
+from brdfcore.analysis.entries import USELESS, Entry, beaten_anyway, choose, mark_dominated
 from brdfcore.analysis.pareto import Pareto
-from brdfcore.analysis.timing import Timing, time_all
+from brdfcore.analysis.timing import MARGIN, REPEATS, Timing, time_all
 from brdfcore.kernels import launch
 from brdfcore.registry import REPRESENTATIONS
 from tests import shared
@@ -60,6 +63,7 @@ def test_numbers_are_those_of_the_tables(gold: Pareto) -> None:
 def test_what_is_chosen_does_what_was_asked(gold: Pareto) -> None:
     assert gold.met
     assert gold.chosen in gold.front
+    assert all(e in gold.entries and e is not gold.chosen for e in gold.rivals)
     assert gold.chosen.error <= 0.02
     assert gold.table is not None
     assert gold.table.kind == "table"
@@ -86,6 +90,97 @@ def test_domination() -> None:
     assert beaten["larger"] == beaten["hardly-faster"] == "fast"
     assert [e.label for e in listed if e.on_front] == ["fast", "much-faster", "better", "smaller"]
     assert listed[-2].error > USELESS
+
+
+def test_what_another_run_may_rank_otherwise_is_said() -> None:
+    """Bytes and errors decide alone where they can; a speed that is close to the margin makes a near tie."""
+    base = entry("base", 1000, 0.01, 5.0)
+    listed = [
+        base,
+        entry("just-faster", 2000, 0.02, 5.0 / (1.03 * MARGIN)),
+        entry("just-not", 1500, 0.03, 5.0 / (0.97 * MARGIN)),
+        entry("clearly", 3000, 0.02, 5.0 / (1.5 * MARGIN)),
+        entry("clearly-not", 9000, 0.04, 6.0),
+        entry("smaller", 500, 0.05, 5.0),
+    ]
+    mark_dominated(listed)
+    assert {e.label: e.near_tie for e in listed} == {
+        "base": None, "just-faster": "base", "just-not": "base", "clearly": None, "clearly-not": None, "smaller": None,
+    }  # fmt: skip
+    assert [e.label for e in listed if e.on_front] == ["base", "just-faster", "clearly", "smaller"]
+    assert listed[1].to_json(0.01)["near_tie"] == "base"
+
+
+def test_a_choice_that_hangs_on_a_near_tie_names_the_other() -> None:
+    listed = [entry("small", 1000, 0.009, 5.0 * 1.04 * MARGIN), entry("quick", 9000, 0.008, 5.0)]
+    assert choose(listed, 0.01, None).label == "quick"
+    assert choose(listed, 0.01, None, margin=MARGIN * REPEATS).label == "small"
+    assert choose(listed, 0.01, None, margin=MARGIN / REPEATS).label == "quick"
+
+
+def test_what_is_beaten_whatever_the_clock_says_is_not_timed_on() -> None:
+    listed = [entry("a", 1000, 0.01, 5.0), entry("b", 2000, 0.02, 9.0), entry("c", 2000, 0.02, 7.0)]
+    listed += [entry("d", 2000, 0.001, 90.0), entry("peer", 2000, 0.02, 90.0, "peer")]
+    times = {e.label: e.timings["1000000"] for e in listed}
+    assert beaten_anyway(listed, times) == {"b"}
+    counts = {}
+    for settled in (None, lambda _: {"b"}):
+        made = dict.fromkeys("ab", 0)
+
+        def maker(_: int, name: str, made: dict[str, int] = made) -> Any:
+            return lambda: made.__setitem__(name, made[name] + 1) or sum(range(3000))
+
+        makers = {name: partial(maker, name=name) for name in "ab"}
+        found = time_all(makers, rounds=9, headline=True, settled=settled)
+        counts[settled is None] = {name: len(t["1000000"].rounds) for name, t in found.items()}
+    assert counts == {True: {"a": 9, "b": 9}, False: {"a": 9, "b": 4}}
+
+
+def test_what_others_do_on_the_machine_does_not_count() -> None:
+    """A look-up that sleeps as long as it works is as fast as one that only works."""
+
+    def work() -> int:
+        return sum(range(20_000))
+
+    def interrupted() -> int:
+        time.sleep(0.002)
+        return work()
+
+    found = time_all({"work": lambda _: work, "interrupted": lambda _: interrupted}, rounds=5, headline=True)
+    times = {name: t["1000000"].best for name, t in found.items()}
+    assert times["interrupted"] < 2 * times["work"]
+
+
+def test_the_usual_practice_gives_up_what_its_layout_can_not_hold() -> None:
+    found = bc.pareto(Skewed(), sizes=(8_000,), rounds=2, directions=5_000)
+    (usual,) = [e for e in found.entries if e.usual]
+    assert "made reciprocal" in usual.variant
+    assert usual.error > 0.01
+
+
+def test_tables_stop_where_they_are_far_better_than_asked() -> None:
+    sizes = tuple(8_000 * 2**k for k in range(8))
+    found = bc.pareto(
+        bc.model("ggx", roughness=0.4), sizes=sizes, rounds=2, directions=20_000, representations=("half_difference",)
+    )
+    errors = [e.error for e in found.entries if e.kind == "table"]
+    assert sum(error <= 0.1 * found.tolerance for error in errors) <= 1
+    best = bc.pareto(
+        bc.model("ggx", roughness=0.4), max_bytes=64_000, sizes=sizes[:4], rounds=2, directions=20_000,
+        representations=("half_difference",),
+    )  # fmt: skip
+    assert len([e for e in best.entries if e.kind == "table"]) == 4  # the smallest error within bytes is asked for
+
+
+def test_a_peer_that_ends_its_process_does_not_end_ours(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(peers, "find_spec", lambda _: object())
+    trial = "import os, sys; print('LLVM ERROR: no such luck', file=sys.stderr, flush=True); os.abort()"
+    monkeypatch.setattr(peers, "_TRIAL", trial)
+    made, why = peers.mitsuba_peer(tmp_path / "aborts.bsdf", bc.model("lambert"))
+    assert made == []
+    assert "LLVM ERROR: no such luck" in why[0]
+    monkeypatch.setattr(peers, "find_spec", lambda _: None)
+    assert "not installed" in peers.mitsuba_peer(tmp_path / "none.bsdf", bc.model("lambert"))[1][0]
 
 
 def test_equals_leave_one_on_the_front() -> None:

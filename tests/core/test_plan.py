@@ -14,6 +14,7 @@ from brdfcore.analysis.plan import MERL_BYTES, Plan, decide
 from brdfcore.analysis.plan_build import MANIFEST, build
 from brdfcore.analysis.scene import Selected, read_scene
 from brdfcore.registry import REPRESENTATIONS
+from brdfcore.status import Status
 from tests.core.conftest import Run
 from tests.core.sources import Skewed
 from tests.core.test_pareto import entry
@@ -76,6 +77,36 @@ def test_only_what_is_seen_is_stored_and_measured(planned: Plan, folder: Path) -
     whole = bc.read(folder / "paint.h5")
     seen = bc.compare(Selected(whole, [1]), car.entry.brdf, light=car.light, view=car.view, seed=77, directions=100_000)
     assert seen.l1 <= 1.1 * 0.02
+
+
+def test_a_table_for_what_is_seen_says_where_it_ends(planned: Plan) -> None:
+    table = planned.choices[-1].entry.brdf
+    assert isinstance(table, bc.Table)
+    if table.name == "half_difference":
+        assert table.attributes()["light"] == list(planned.choices[-1].light)
+        assert table.status(np.radians(30.0), np.radians(80.0), 0.0) == Status.EXTRAPOLATED
+    assert table.error["view"] == list(planned.choices[-1].view)  # what the error speaks of
+
+
+def test_what_can_not_win_is_not_built() -> None:
+    """Past the smallest that is right and quick enough, only what could be so much faster as to rule it out."""
+    scene = {"budget": {"error": 0.01, "ns": 1000}, "materials": [{"name": "satin", **SATIN}]}
+    found = bc.plan(scene, sizes=tuple(2_000 * 2**k for k in range(10)), directions=20_000)
+    (choice,) = found.choices
+    assert choice.entry.nbytes == 0
+    tables = [e for e, _ in choice.alternatives if e.kind == "table"]
+    assert tables
+    assert all(e.nbytes <= 8_000 for e in tables)
+
+
+def test_the_smallest_is_looked_for_between_sizes(folder: Path) -> None:
+    car = {"name": "car", "file": str(folder / "paint.h5"), "error": 0.02}
+    found = bc.plan(
+        {"materials": [car]}, sizes=(4_000, 64_000), directions=20_000, representations=("half_difference",)
+    )
+    (choice,) = found.choices
+    assert choice.met
+    assert choice.entry.nbytes < 64_000 / 2**0.5
 
 
 def test_every_choice_says_what_it_beat(planned: Plan) -> None:
