@@ -16,9 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.brdf import Brdf, Channels
-from brdfcore.conventions import HALF_PI, FloatArray
+from brdfcore.conventions import HALF_PI, FloatArray, check_domain, flatten_angles
 from brdfcore.errors import FileFormatError, InputError
 from brdfcore.harmonics.factors import Order
+from brdfcore.harmonics.legendre import Parity
 from brdfcore.harmonics.targets import TARGETS, Block, Target, blocks
 from brdfcore.harmonics.windows import WINDOWS
 from brdfcore.parameters import Parameter
@@ -114,6 +115,11 @@ class HarmonicExpansion(Table):
         return count(self.lmax, self._target, self.bilateral, self.packed)
 
     @property
+    def target_parities(self) -> tuple[Parity, Parity]:
+        """Parities of l - m of the degrees of theta_i and of theta_o."""
+        return self._target.parity_i, self._target.parity_o
+
+    @property
     def _target(self) -> Target:
         return TARGETS[self.target]
 
@@ -183,6 +189,19 @@ class HarmonicExpansion(Table):
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         return np.full(theta_i.shape, Status.INTERPOLATED, np.uint8)
+
+    def _albedo(
+        self, theta_i: npt.ArrayLike, points: int, azimuths: int, tolerance: float | None, budget: int
+    ) -> tuple[FloatArray, FloatArray]:
+        from brdfcore.harmonics.grids import albedo
+
+        # in closed form, whatever quadrature is asked for: its sums round to some 1e-16 a degree
+        angles = check_domain(flatten_angles(theta_i, 0.0, 0.0))
+        thetas = np.minimum(angles.theta_i.astype(np.float64), HALF_PI)
+        values = self._delta_reflectance(thetas) + albedo(self, thetas)
+        errors = np.finfo(np.float64).eps * self.lmax * np.abs(values)
+        shape = (*angles.shape, len(self.channels))
+        return values.reshape(shape), errors.reshape(shape)
 
     def _delta_reflectance(self, theta_i: Float64Array) -> Float64Array:
         if self.delta is None:

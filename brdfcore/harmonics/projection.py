@@ -12,6 +12,7 @@ from brdfcore.brdf import Brdf
 from brdfcore.errors import InputError, LimitError
 from brdfcore.harmonics.expansion import MAX_LMAX, HarmonicExpansion, packed_arrays
 from brdfcore.harmonics.factors import factored
+from brdfcore.harmonics.grids import grid_values
 from brdfcore.harmonics.legendre import checked_degree
 from brdfcore.harmonics.moments import Moments, Progress, moments
 from brdfcore.harmonics.rules import Rule, lobe_widths, rule_for
@@ -258,7 +259,7 @@ def _extremes(made: HarmonicExpansion) -> tuple[float, float, list[float]]:
     n = int(np.clip(made.lmax, 24, 64))
     theta = np.linspace(0, np.pi / 2, n)
     phi = np.linspace(0, np.pi if made.bilateral else 2 * np.pi, n)
-    f = made.evaluate(theta[:, None, None], theta[None, :, None], phi[None, None, :])
+    f = grid_values(made, theta, theta, phi)
     k = np.unravel_index(int(f.argmin()), f.shape)
     at = [float(np.degrees(x)) for x in (theta[k[0]], theta[k[1]], phi[k[2]])]
     return float(f.min()), float(f.max()), at

@@ -28,18 +28,29 @@ F_COS_COS = TARGETS["f_cos_cos"]
 
 
 def functions(lmax: int, points: int, rounds: int) -> None:
-    """p_l^m of all l, m against scipy's Y_l^m of the same degree and points, interleaved."""
+    """p_l^m of all l, m against scipy's Y_l^m of the same degree and points, interleaved: one call straight after
+    scipy's, which leaves nothing of ours in the caches, and several in a row."""
     x = np.cos(np.linspace(0.01, 3.1, points))
     theta, phi = np.arccos(x), np.zeros(points)
+    in_a_row = 20
     legendre(lmax, x)
     times = interleaved(
-        {"ours": lambda: legendre(lmax, x), "scipy": lambda: sph_harm_y_all(lmax, lmax, theta, phi)}, rounds=rounds
+        {
+            "scipy": lambda: sph_harm_y_all(lmax, lmax, theta, phi),
+            "one call": lambda: legendre(lmax, x),
+            f"{in_a_row} in a row": lambda: [legendre(lmax, x) for _ in range(in_a_row)],
+        },
+        rounds=rounds,
     )
-    low, middle, high = ratio(times["scipy"], times["ours"])
-    print(
-        f"\nlmax {lmax}, {points} points: p_l^m {1e6 * times['ours'].median / points:.1f} us a point, scipy "
-        f"sph_harm_y_all {1e6 * times['scipy'].median / points:.0f}; {middle:.0f} x ({low:.0f} .. {high:.0f})"
-    )
+    scipy = times.pop("scipy")
+    print(f"\nlmax {lmax}, {points} points: scipy sph_harm_y_all {1e6 * scipy.median / points:.0f} us a point")
+    for name, spent in times.items():
+        calls = in_a_row if "row" in name else 1
+        low, middle, high = (calls * r for r in ratio(scipy, spent))
+        print(
+            f"p_l^m, {name}: {1e6 * spent.median / calls / points:.1f} us a point; "
+            f"{middle:.0f} x ({low:.0f} .. {high:.0f})"
+        )
 
 
 def numbers() -> None:

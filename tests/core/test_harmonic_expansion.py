@@ -11,6 +11,7 @@ import brdfcore as bc
 from brdfcore.brdf import RGB, Brdf
 from brdfcore.errors import FileFormatError
 from brdfcore.harmonics.expansion import HarmonicExpansion
+from brdfcore.harmonics.grids import grid_values
 from brdfcore.harmonics.legendre import legendre
 from brdfcore.harmonics.projection import expanded
 from brdfcore.harmonics.rules import lobe_widths, rule_for
@@ -42,6 +43,35 @@ def test_auto_refuses_with_numbers() -> None:
     assert context["bytes"] > 1e9
     assert context["table"]["bytes"] < 1e7
     assert context["table"]["error"] <= 0.05
+
+
+# ---- sums that separate ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", ["f_cos_cos", "f", "f_cos_o"])
+@pytest.mark.parametrize("kind", ["packed", "sines"])
+def test_grids_and_albedo_in_closed_form(kind: str, target: str) -> None:
+    """Against single values, and against their integral by the quadrature that any `Brdf` has."""
+
+    def turned(theta_i: Any, theta_o: Any, delta_phi: Any) -> Any:
+        f = lopsided(theta_i, theta_o, delta_phi) + 0.1 * np.sin(theta_i) * np.sin(theta_o) * np.sin(delta_phi)
+        return np.stack([f, f**2, f**-1], axis=-1)
+
+    packed = bc.model("ggx", roughness=0.4, ior="gold")
+    source = packed if kind == "packed" else Formula(turned, reciprocal=False, bilateral=False, channels=RGB)
+    made = expanded(source, 12, target=target)
+    theta_i, theta_o = np.array([0.0, 0.3, 1.2, np.pi / 2]), np.array([0.0, 0.8, 1.5])
+    delta_phi = np.array([0.0, 1.0, np.pi, 4.0])
+    found = grid_values(made, theta_i, theta_o, delta_phi)
+    one_by_one = made.evaluate(theta_i[:, None, None], theta_o[:, None], delta_phi)
+    np.testing.assert_allclose(found, one_by_one, rtol=1e-11, atol=1e-13 * np.abs(one_by_one).max())
+    in_closed_form, error = made.albedo_error(theta_i)
+    by_quadrature, uncertain = Brdf._albedo(made, theta_i, 12, 64, 1e-9, 10**6)
+    assert np.abs(in_closed_form - by_quadrature).max() < 1e-8 + uncertain.max()
+    assert (error <= 1e-14 * np.abs(in_closed_form)).all()
+    assert made.albedo(theta_i[:, None]).shape == (4, 1, len(made.channels))
+    with pytest.raises(bc.InputError):
+        made.albedo(2.0)
 
 
 # ---- look-ups, storage, refusals ----------------------------------------------------------------------
