@@ -25,6 +25,8 @@ LEAST_ERROR = 1e-6
 #: What a formula, which has no table, is drawn at, bytes; further left where a table is smaller than thrice that.
 NO_TABLE = 1_500
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+#: As many colours as there are formulas and representations.
+PALETTE = (*COLOURS, "#228833", "#AA3377")
 #: theta_i of the slices, degrees.
 SLICES = (0.0, 45.0, 75.0)
 DPI = 110
@@ -64,7 +66,7 @@ def draw_front(axes: Axes, found: Pareto) -> None:
             axes.plot(x, y, "x", color=FAINT, ms=7, label=entry.representation if new else None, zorder=2)
             continue
         look = looks[entry.representation]
-        colour, marker = COLOURS[look % len(COLOURS)], MARKERS[look % len(MARKERS)]
+        colour, marker = PALETTE[look % len(PALETTE)], MARKERS[look % len(MARKERS)]
         face = colour if entry.on_front else "white"
         axes.plot(
             x, y, marker, color=colour, mfc=face, ms=7, ls="none", label=entry.representation if new else None, zorder=3

@@ -15,7 +15,6 @@ from brdfcore.analysis.entries import Entry
 from brdfcore.analysis.pareto import Pareto
 from brdfcore.models.base import Model
 from brdfcore.plot.rendering import render
-from brdfcore.plot.style import COLOURS
 from brdfcore.reporting import figures, words
 
 if TYPE_CHECKING:
@@ -149,7 +148,7 @@ def _checked(item: Item) -> str:
 def _data(found: Pareto) -> str:
     """What the script draws."""
     looks = {
-        name: {"colour": COLOURS[k % len(COLOURS)], "shape": _SHAPES[k % len(_SHAPES)]}
+        name: {"colour": figures.PALETTE[k % len(figures.PALETTE)], "shape": _SHAPES[k % len(_SHAPES)]}
         for name, k in figures.looks_of(found.entries).items()
     }
     looks |= {e.representation: {"colour": "#777", "shape": "cross"} for e in found.entries if e.kind == "peer"}
