@@ -10,13 +10,16 @@ from typing import Any
 
 from brdfcore.brdf import Brdf
 from brdfcore.errors import InputError
-from brdfcore.metrics import compare
+from brdfcore.metrics import Range, compare
 from brdfcore.parameters import shown
 from brdfcore.registry import REPRESENTATIONS
 from brdfcore.tables.base import BuildOptions, Progress, Table
+from brdfcore.tables.seen import Seen
 
 #: L1 that `tabulate` aims at when neither tolerance nor max_bytes is given.
 DEFAULT_TOLERANCE = 0.01
+#: Directions that errors are measured on.
+_DIRECTIONS = 200_000
 #: L1 above which a table is called bad, unasked: one part in twenty of the light in the wrong place.
 BAD_L1 = 0.05
 #: Error of the mirror part's reflectance above which a table is called bad.
@@ -40,6 +43,8 @@ def tabulate(
     interpolation: str = "linear",
     negatives: str = "keep",
     fold: str | Iterable[str] | None = None,
+    light: Range | None = None,
+    view: Range | None = None,
     progress: Progress | None = None,
 ) -> Table:
     """Turn any BRDF into a table whose error is known.
@@ -65,6 +70,9 @@ def tabulate(
         What negative values of the source become; zeroed ones are counted in `report["done"]`.
     fold : str or iterable of str, optional
         "bilateral" and/or "reciprocal": average over a symmetry the source does not have. The cost is in the error.
+    light, view : (float, float), optional
+        Ranges (from, to) of theta_i and theta_o, radians, that the table is wanted for: errors and tolerance are over
+        these, and `half_difference` has its nodes there. Beyond them it answers, and `status` says EXTRAPOLATED.
     progress : callable(done, total, stage), optional
         Called as work proceeds.
 
@@ -81,7 +89,7 @@ def tabulate(
         Options that exclude each other, a shape the representation can't have, a source it can't hold, or a
         source value that is not finite.
     """
-    options = _options(shape, interpolation, negatives, fold)
+    options = _options(shape, interpolation, negatives, fold, Seen.of(light, view))
     if shape is not None and (tolerance is not None or max_bytes is not None):
         raise InputError(
             "options_exclude",
@@ -100,7 +108,7 @@ def tabulate(
     if representation == "auto":
         classes = [c for c in classes if c.FOR_AUTO and c.can_hold(b)]
     if tolerance is None and max_bytes is None and (shape is not None or representation != "auto"):
-        return _advised(_measured(classes[0].build(b, options, progress), b, None, progress), b, names)
+        return _advised(_measured(classes[0].build(b, options, progress), b, None, options.seen, progress), b, names)
     if tolerance is None and max_bytes is None:
         tolerance = DEFAULT_TOLERANCE
     return _advised(_search(b, classes, options, tolerance, max_bytes, progress), b, names)
@@ -125,7 +133,7 @@ def _bad_option(name: str, value: Any, expected: str) -> InputError:
 
 
 def _options(
-    shape: Sequence[int] | None, interpolation: str, negatives: str, fold: str | Iterable[str] | None
+    shape: Sequence[int] | None, interpolation: str, negatives: str, fold: str | Iterable[str] | None, seen: Seen
 ) -> BuildOptions:
     if negatives not in ("keep", "zero"):
         raise _bad_option("negatives", negatives, "'keep' or 'zero'")
@@ -144,7 +152,7 @@ def _options(
             whole = False
         if not whole:
             raise _bad_option("shape", shape, "whole numbers below 2^31")
-    return BuildOptions(nodes, interpolation, negatives, folds)
+    return BuildOptions(nodes, interpolation, negatives, folds, seen=seen)
 
 
 def _search(
@@ -167,7 +175,7 @@ def _search(
         if max_bytes is not None and table.nbytes > max_bytes:
             smallest = min(table.nbytes, smallest or table.nbytes)
         else:
-            table = _measured(table, b, tolerance, progress)
+            table = _measured(table, b, tolerance, options.seen, progress)
             if best is None or _worst(table) < _worst(best):
                 best = table
             if tolerance is not None and _worst(table) <= tolerance:
@@ -209,12 +217,13 @@ def _or_infinite(measured: float | None) -> float:
     return math.inf if measured is None else measured  # None: not finite
 
 
-def _measured(table: Table, source: Brdf, tolerance: float | None, progress: Progress | None) -> Table:
+def _measured(table: Table, source: Brdf, tolerance: float | None, seen: Seen, progress: Progress | None) -> Table:
     if progress is not None:
         progress(0, 1, "measuring the error")
-    found: dict[str, Any] = compare(source, table).to_json()
+    compared = compare(source, table, directions=seen.draws(_DIRECTIONS), light=seen.light, view=seen.view)
+    found: dict[str, Any] = {**compared.to_json(), **seen.attributes()}
     found["tolerance"] = tolerance
-    found["warnings"] = _complaints(found)
+    found["warnings"] = _complaints(found, seen)
     table.error = found
     if not table.metadata:
         table.metadata = dict(source.metadata)
@@ -223,7 +232,7 @@ def _measured(table: Table, source: Brdf, tolerance: float | None, progress: Pro
     return table
 
 
-def _complaints(error: dict[str, Any]) -> list[str]:
+def _complaints(error: dict[str, Any], seen: Seen) -> list[str]:
     """What a user has to be told without asking."""
     said = []
     if not error["regular"]:
@@ -239,7 +248,8 @@ def _complaints(error: dict[str, Any]) -> list[str]:
         off = "not finite" if error["delta"] is None else f"off by up to {error['delta']:.3g}"
         said.append(f"the reflectance of its mirror part is {off}")
     pairs = [p for p in zip(error["albedo_bias"]["bias"], error["albedo_bias"]["theta_i"]) if p[0] is not None]
-    pairs = [p for p in pairs if math.degrees(p[1]) <= BAD_ALBEDO_TO + 1e-9]
+    # an albedo takes all views: it says nothing of a table that is not wanted for all
+    pairs = [p for p in pairs if seen.whole and math.degrees(p[1]) <= BAD_ALBEDO_TO + 1e-9]
     worst = max(pairs, key=lambda pair: abs(pair[0]), default=(0.0, 0.0))
     if abs(worst[0]) > BAD_ALBEDO:
         said.append(f"its albedo is off by {100 * worst[0]:+.0f} % at theta_i = {math.degrees(worst[1]):.1f} degrees")

@@ -8,17 +8,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from brdfcore.analysis.entries import SLOWEST, Entry
 from brdfcore.analysis.pareto import Pareto, is_formula, pareto
 from brdfcore.analysis.scene import Scene, SceneMaterial, Selected, read_scene
 from brdfcore.analysis.tabulating import Smallest
 from brdfcore.analysis.timing import machine, versions
 from brdfcore.brdf import Brdf
-from brdfcore.directions import mixture
 from brdfcore.metrics import Range
 from brdfcore.tables.base import Progress
+from brdfcore.tables.seen import Seen
 
 #: A file of the MERL database: what everybody takes for every material.
 MERL_BYTES = 34_992_012
@@ -27,8 +25,8 @@ SIZES = tuple(2_000 * 2**k for k in range(13))
 #: An expansion in harmonics up to this size is taken under an environment, bytes: it answers for the whole environment
 #: with one product of coefficients, where anything else is looked up once a direction.
 HARMONICS_WITHIN = 64_000
-#: Draws within the angles seen that errors are measured on, and most draws made to have them.
-DIRECTIONS, _MOST_DRAWN = 60_000, 2_000_000
+#: Draws within the angles seen that errors are measured on.
+DIRECTIONS = 60_000
 _ROUNDS = 9
 
 
@@ -178,7 +176,7 @@ def _choice(
     # a formula costs no memory, whatever its channels
     whole = len(picks) == len(first.brdf.channels)
     source = first.brdf if whole else Selected(first.brdf, picks)
-    drawn = _enough(directions, light, view)
+    drawn = Seen(light, view).draws(directions)
     found = pareto(
         source, material=first.name, tolerance=tolerance, sizes=sizes, directions=drawn, rounds=_ROUNDS, seconds=60.0,
         light=light, view=view, smallest=smallest, representations=representations, progress=progress,
@@ -269,16 +267,6 @@ def _alternatives(found: Pareto, chosen: Entry, limit: float | None) -> list[tup
             why = f"{best.ns.best / chosen.ns.best:.1f} x the time of a look-up"
         listed.append((best, why))
     return listed
-
-
-def _enough(wanted: int, light: Range, view: Range) -> int:
-    """Draws of which about `wanted` are within the ranges."""
-    drawn = mixture(20_000, 5)
-    inside = drawn.weight > 0
-    for angle, (low, high) in ((drawn.theta_i, light), (drawn.theta_o, view)):
-        inside &= (angle >= low) & (angle <= high)
-    share = max(float(np.mean(inside)), wanted / _MOST_DRAWN)
-    return min(int(wanted / share), _MOST_DRAWN)
 
 
 def _numbers(e: Entry) -> dict[str, Any]:

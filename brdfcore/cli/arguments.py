@@ -149,6 +149,17 @@ def numbers(name: str, text: str) -> npt.NDArray[np.float64]:
         ) from None
 
 
+def angle_range(name: str, text: str) -> tuple[float, float]:
+    """FROM,TO of a polar angle in degrees, as radians."""
+    values = numbers(name, text)
+    if values.size != 2 or not 0 <= values[0] < values[1] <= 90:
+        raise InputError(
+            "bad_option", f"{name} = {text!r}: expected FROM,TO in degrees, 0 <= FROM < TO <= 90, e.g. 0,70", where=name
+        )
+    low, high = np.radians(values).tolist()
+    return low, high
+
+
 def whole_numbers(name: str, text: str) -> tuple[int, ...]:
     """A comma-separated list of whole numbers, e.g. a table's shape."""
     values = numbers(name, text)

@@ -48,6 +48,14 @@ def tabulate(
         str | None,
         typer.Option(metavar="NAMES", help="bilateral, reciprocal: average over a symmetry.", show_default=False),
     ] = None,
+    light: Annotated[
+        str | None,
+        typer.Option(metavar="FROM,TO", help="Only for light from these theta_i, degrees.", show_default=False),
+    ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(metavar="FROM,TO", help="Only for views at these theta_o, degrees.", show_default=False),
+    ] = None,
     rgb: Annotated[
         str | None,
         typer.Option(metavar="ILLUMINANT", help="Wavelengths to linear sRGB first, e.g. D65.", show_default=False),
@@ -61,6 +69,10 @@ def tabulate(
     may_write(out, force)
     nodes = None if shape is None else arguments.whole_numbers("--shape", shape)
     limit = None if max_bytes is None else arguments.byte_count("--max-bytes", max_bytes)
+    ranges = [
+        None if text is None else arguments.angle_range(name, text)
+        for name, text in (("--light", light), ("--view", view))
+    ]
     folds = None if fold is None else [part.strip() for part in fold.split(",")]
     b = arguments.load(source)
     if rgb is not None:
@@ -79,6 +91,8 @@ def tabulate(
             interpolation=interpolation,
             negatives=negatives,
             fold=folds,
+            light=ranges[0],
+            view=ranges[1],
             progress=progress,
         )
     seconds = time.perf_counter() - start

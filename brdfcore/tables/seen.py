@@ -11,12 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.conventions import HALF_PI, FloatArray
-from brdfcore.errors import FileFormatError
+from brdfcore.directions import mixture
+from brdfcore.errors import FileFormatError, InputError
 from brdfcore.metrics import WHOLE, Range
 from brdfcore.parameters import shown
 from brdfcore.status import Status
 
 _NAMES = ("light", "view")
+#: Most draws made to have enough of them within a narrow range.
+MOST_DRAWS = 2_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +29,35 @@ class Seen:
 
     light: Range = WHOLE
     view: Range = WHOLE
+
+    @classmethod
+    def of(cls, light: Any, view: Any) -> Self:
+        """The ranges that a caller gives, None for all of one; `InputError` for what can't be one."""
+        found: list[Range] = []
+        for name, given in zip(_NAMES, (light, view)):
+            if given is None:
+                found.append(WHOLE)
+                continue
+            try:
+                low, high = (float(x) for x in given)
+            except (TypeError, ValueError, OverflowError):
+                low = high = math.nan
+            # float32's pi/2 is past pi/2
+            if not 0 <= low < high <= float(np.float32(HALF_PI)):
+                got, expected = shown(given), "(from, to), radians, 0 <= from < to <= pi/2"
+                raise InputError(
+                    "bad_option", f"{name} = {got}: expected {expected}", where=name, got=got, expected=expected
+                )
+            found.append((low, WHOLE[1] if high >= HALF_PI else high))
+        return cls(found[0], found[1])
+
+    def draws(self, wanted: int, most: int = MOST_DRAWS) -> int:
+        """Of how many draws of `directions.mixture` about `wanted` fall within, `most` at most."""
+        if self.whole:
+            return wanted
+        drawn = mixture(20_000, 1)
+        share = float(np.mean((drawn.weight > 0) & self.holds(drawn.theta_i, drawn.theta_o)))
+        return min(int(wanted / max(share, wanted / most)), most)
 
     @property
     def whole(self) -> bool:

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -51,6 +52,19 @@ def test_tabulate_json(run: Run, tmp_path: Path) -> None:
     assert found["id"] == bc.open_table(out).id
     assert found["nbytes"] <= 100_000
     assert found["error"]["l1"] < 1e-6
+
+
+def test_tabulate_for_the_angles_seen(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "seen.h5"
+    asked = ("tabulate", GOLD, "-o", out, "--representation", "half_difference", "--max-bytes", "8kB")
+    code, text, _ = run(*asked, "--light", "0,60", "--view", "20,70", "--json")
+    assert code == 0
+    assert json.loads(text)["error"]["view"] == list(np.radians([20.0, 70.0]))
+    assert bc.open_table(out).attributes()["light"] == list(np.radians([0.0, 60.0]))
+    for bad in ("70,20", "20", "0,91", "a,b", "nan,3"):
+        code, _, err = run(*asked, "--force", "--view", bad)
+        assert code == 2
+        assert "--view" in err
 
 
 def test_tabulate_replaces_only_when_forced(run: Run, gold_table: Path, tmp_path: Path) -> None:

@@ -102,6 +102,31 @@ def test_stored_limits_that_can_not_be(limited: HalfDifference, given: object) -
         HalfDifference.from_arrays(limited.to_arrays(), attributes, limited.channels, limited.flags)
 
 
+def test_tabulate_for_the_angles_seen() -> None:
+    """What is asked for reaches the table, and its error is measured there on draws of another seed."""
+    table = bc.tabulate(GOLD, "half_difference", max_bytes=8_000, light=SEEN.light, view=SEEN.view)
+    everywhere = bc.tabulate(GOLD, "half_difference", max_bytes=8_000)
+    assert isinstance(table, HalfDifference)
+    assert table.seen == SEEN
+    assert (table.error["light"], table.error["view"]) == (list(SEEN.light), list(SEEN.view))
+    assert "light" not in everywhere.error
+    for made, stated in ((table, table.error["l1"]), (everywhere, None)):
+        found = bc.compare(GOLD, made, light=SEEN.light, view=SEEN.view, directions=400_000, seed=5)
+        if stated is None:
+            assert found.l1 > table.error["l1"]
+        else:
+            assert abs(found.l1 - stated) < 5 * (found.l1_stderr + table.error["l1_stderr"])
+    whole = bc.tabulate(GOLD, "half_difference", max_bytes=8_000, light=(0, np.pi / 2), view=(0, np.float32(np.pi / 2)))
+    assert whole.id == everywhere.id
+
+
+@pytest.mark.parametrize("given", [(1.0, 0.5), (0.0,), "all", 3.0, (0.0, float("nan")), (-0.1, 1.0), (0.0, 9.0)])
+def test_ranges_that_can_not_be(given: object) -> None:
+    with pytest.raises(bc.InputError, match=r"view = .*from < to") as caught:
+        bc.tabulate(GOLD, view=given)  # type: ignore[arg-type]
+    assert caught.value.context["where"] == "view"
+
+
 def test_a_range_that_hardly_anything_falls_into() -> None:
     narrow = Seen((np.radians(30.0), np.radians(31.0)), (np.radians(30.0), np.radians(31.0)))
     table = built(GOLD, narrow)
