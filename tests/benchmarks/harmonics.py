@@ -113,7 +113,7 @@ def by_evaluation(b: bc.Brdf, h: bc.Brdf, strata: int = 40) -> float:
     """Relative L2 of the target: by draws about the lobe where it is narrow, else from one random point in each of
     strata^3 cells, denser towards the horizon."""
     if min(lobe_widths(b)) < 0.04:
-        return norm_distance(b, h, F_COS_COS, directions=150_000)
+        return norm_distance(b, h, F_COS_COS, directions=2_000_000)
     cell = np.stack(np.meshgrid(*[np.arange(strata)] * 3, indexing="ij")).reshape(3, -1)
     u = 1 - (cell + np.random.default_rng(1).random(cell.shape)) / strata
     theta_i, theta_o, delta_phi = (top * (1 - a**1.5) for top, a in zip((np.pi / 2, np.pi / 2, np.pi), u))
