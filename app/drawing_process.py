@@ -1,8 +1,9 @@
 """The process that draws: `python -m app.drawing_process`, one picture after the other until stdin ends.
 
 A task is a line of JSON on stdin: {"name", "path", "kind", "id"} of the material's file and "picture", the fields of
-`Picture`. The answer, on what was stdout, is a line of JSON, {"bytes": n} and n bytes, {"problem": {...}}, or
-{"changed": true}: the file does not hold that material any more.
+`Picture`. The answer, on what was stdout, is a line of JSON: {"bytes": n} and n bytes; {"problem": {...}}, an error of
+the library; {"failed": true}, any other, whose traceback is on stderr; or {"changed": true}: the file does not hold
+that material any more.
 """
 
 from __future__ import annotations

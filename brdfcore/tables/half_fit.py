@@ -173,6 +173,7 @@ class Fitter:
         drawn, used = self._drawn(_DRAWS)
         if (few := used.sum() / _DRAWS) < _LEAST_SHARE:  # a narrow range: as many draws within it as it takes
             drawn, used = self._drawn(min(int(_DRAWS * _LEAST_SHARE / max(few, 1e-9)), _MOST_DRAWS))
+        seen.check_enough(int(used.sum()))
         self.theta_i, self.theta_o, self.delta_phi = drawn.theta_i[used], drawn.theta_o[used], drawn.delta_phi[used]
         self.values = sample(self.theta_i, self.theta_o, self.delta_phi)
         angles = (self.theta_i, self.theta_o, self.delta_phi)

@@ -20,6 +20,8 @@ from brdfcore.status import Status
 _NAMES = ("light", "view")
 #: Most draws made to have enough of them within a narrow range.
 MOST_DRAWS = 2_000_000
+#: Fewer draws within the ranges than this make no table.
+_LEAST_DRAWS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,18 @@ class Seen:
         drawn = mixture(20_000, 1)
         share = float(np.mean((drawn.weight > 0) & self.holds(drawn.theta_i, drawn.theta_o)))
         return min(int(wanted / max(share, wanted / most)), most)
+
+    def check_enough(self, count: int) -> None:
+        """`InputError` if so few draws within the ranges say nothing of where a table is wanted."""
+        if count < _LEAST_DRAWS:
+            raise InputError(
+                "range_too_narrow",
+                f"light {list(self.light)} and view {list(self.view)}, radians: {count} of all directions drawn are "
+                f"within, too few to make a table for; expected at least {_LEAST_DRAWS}: give wider ranges",
+                where="light, view",
+                got=count,
+                expected=_LEAST_DRAWS,
+            )
 
     @property
     def whole(self) -> bool:

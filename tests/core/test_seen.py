@@ -127,6 +127,13 @@ def test_ranges_that_can_not_be(given: object) -> None:
     assert caught.value.context["where"] == "view"
 
 
+@pytest.mark.parametrize("narrow", [(1e-9, 1e-8), (0.5, 0.5001)])
+def test_a_range_that_nothing_falls_into_is_said_before_anything_is_built(narrow: tuple[float, float]) -> None:
+    with pytest.raises(bc.InputError, match="wider ranges") as caught:
+        bc.tabulate(GOLD, "half_difference", max_bytes=8_000, light=narrow, view=narrow)
+    assert caught.value.code == "range_too_narrow"
+
+
 def test_a_range_that_hardly_anything_falls_into() -> None:
     narrow = Seen((np.radians(30.0), np.radians(31.0)), (np.radians(30.0), np.radians(31.0)))
     table = built(GOLD, narrow)
