@@ -35,13 +35,14 @@ def held_tags(values: Iterable[str]) -> set[str]:
 
 def etag(path: str, query: bytes, *identities: str) -> str:
     """Strong ETag of what `identities` say at this path and query."""
-    digest = _begun(path, identities).copy()
+    digest = digest_of(path, identities).copy()
     digest.update(query)
     return f'"{digest.hexdigest()[:32]}"'
 
 
 @lru_cache(maxsize=512)
-def _begun(path: str, identities: tuple[str, ...]) -> hashlib._Hash:
+def digest_of(path: str, identities: tuple[str, ...]) -> hashlib._Hash:
+    """The digest behind `etag`, up to the query. It is shared: copy it before adding to it."""
     parts = (_VERSION, path.encode(), *map(str.encode, identities))
     # with their lengths, so that no two different lists of parts look alike; the query comes last and needs none
     lengths = ",".join([str(len(part)) for part in parts]).encode()

@@ -10,10 +10,7 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.addressing import BY_ID_ADDRESS, BY_NAME_ADDRESS, Address
-from app.direct import date_line, writer
-from app.quick import one_value
 from app.routers.evaluate import HANDLERS
-from app.state import State
 
 #: Third part of the path -> how it names a material, the name of that path parameter, and the route.
 _ADDRESSES: dict[str, tuple[Address, str, str]] = {
@@ -35,22 +32,6 @@ class HotPath:
             if len(parts) == 5 and parts[1] == "v1" and parts[2] in _ADDRESSES and parts[3] and handler is not None:
                 address, parameter, route = _ADDRESSES[parts[2]]
                 scope["brdf.route"] = route
-                if scope["method"] == "GET" and scope["brdf.plain"]:
-                    state: State = scope["brdf.state"]
-                    made = one_value(state, address, parts[3], path, scope["query_string"])
-                    if made is not None:
-                        state.metrics.lookups += 1
-                        state.metrics.lookup_seconds += made.seconds
-                        scope["brdf.lookup_seconds"] = made.seconds
-                        write = writer(scope)
-                        if write is not None:
-                            lines = made.lines(), date_line(scope), scope["brdf.own_lines"]()
-                            write(b"HTTP/1.1 200 OK\r\n%b%b%b\r\n%b" % (*lines, made.body))
-                            scope["brdf.sent"] = len(made.body)
-                            return
-                        await send({"type": "http.response.start", "status": 200, "headers": made.headers()})
-                        await send({"type": "http.response.body", "body": made.body})
-                        return
                 scope["path_params"] = {parameter: parts[3]}
                 request = Request(scope, receive)
                 response = await handler(request, address)

@@ -149,7 +149,7 @@ def serve(
         if settings.log_level in ("debug", "info"):
             app.state.brdf.access_log = access_log
         try:
-            process.run(app, settings, listener, before_drain=app.state.brdf.drain)
+            process.run(app, app.state.brdf, listener)
         finally:
             access_log.flush()
     _leave_the_compiler()

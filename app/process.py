@@ -17,7 +17,9 @@ import uvicorn
 from starlette.types import ASGIApp
 
 import brdfcore as bc
+from app.quick import Quick
 from app.settings import Settings
+from app.state import State
 
 #: Number of the parameter in glibc's malloc.h.
 _M_ARENA_MAX = -8
@@ -111,7 +113,7 @@ class _Server(uvicorn.Server):
                 signal.signal(number, handler)
 
 
-def server_options(settings: Settings) -> dict[str, Any]:
+def server_options(state: State) -> dict[str, Any]:
     """Options of the server that change how it speaks: our protocol, where its parser is installed."""
     try:
         from app.protocol import protocol
@@ -119,7 +121,7 @@ def server_options(settings: Settings) -> dict[str, Any]:
         if error.name != "httptools":
             raise
         return {}
-    return {"http": protocol(settings.head_seconds)}
+    return {"http": protocol(state.settings.head_seconds, Quick(state))}
 
 
 def bound_arenas() -> None:
@@ -129,15 +131,13 @@ def bound_arenas() -> None:
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
 
 
-def run(app: ASGIApp, settings: Settings, listener: socket.socket, before_drain: Callable[[], None]) -> None:
-    """Serve until SIGINT or SIGTERM; running requests get `drain_seconds` to finish. Raises `ListenError`.
-
-    before_drain  called as soon as the signal comes.
-    """
+def run(app: ASGIApp, state: State, listener: socket.socket) -> None:
+    """Serve until SIGINT or SIGTERM; running requests get `drain_seconds` to finish. Raises `ListenError`."""
+    settings = state.settings
     place = f"{settings.host}:{settings.port}"
     config = uvicorn.Config(
         app,
-        **server_options(settings),
+        **server_options(state),
         log_config=None,
         log_level=None,
         access_log=False,  # the boundary writes a line for each request
@@ -150,7 +150,7 @@ def run(app: ASGIApp, settings: Settings, listener: socket.socket, before_drain:
     # a thread that computes gives way to the event loop after a millisecond, not after five
     sys.setswitchinterval(0.001)
     server = _Server(config)
-    server.before_drain = before_drain
+    server.before_drain = state.drain
     if settings.loopback:
         shown = " (only this machine can reach it)"
     else:

@@ -11,6 +11,7 @@ from typing import cast
 from anyio import CapacityLimiter
 from starlette.requests import Request
 
+from app.account import Hosts
 from app.artist import Artist
 from app.expansions import Expansions
 from app.jobs import Jobs
@@ -61,6 +62,12 @@ class State:
     #: Answers of millions of values at once: each takes all cores and up to some hundred megabytes, and must not
     #: take the seats of the others.
     large: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2))
+
+    #: Host headers that were found good.
+    hosts: Hosts = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.hosts = Hosts(self.settings)
 
     def drain(self) -> None:
         """The process was told to end."""

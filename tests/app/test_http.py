@@ -13,6 +13,7 @@ from starlette.testclient import TestClient
 
 import brdfcore as bc
 from app.main import create_app
+from app.routers.evaluate import HANDLERS
 from app.schemas import Problem
 from app.settings import Settings
 from tests.app.conftest import Serve, assert_problem
@@ -176,7 +177,7 @@ def test_an_error_inside_says_nothing_of_the_inside(
     def broken(*_: object, **__: object) -> bytes:
         raise RuntimeError("secret of the house")
 
-    monkeypatch.setattr("app.hotpath.one_value", broken)
+    monkeypatch.setitem(HANDLERS, "GET", broken)
     answer = shared_client.get(f"/v1/materials/gold/{VALUE}")
     content = assert_problem(answer, 500, "internal_error")
     assert "secret" not in answer.text

@@ -53,14 +53,18 @@ def closed_after(connection: socket.socket) -> tuple[float, bytes]:
 
 
 def one_answer(connection: socket.socket) -> tuple[bytes, bytes]:
+    """The next answer, and nothing of the one after it."""
     received = b""
     while b"\r\n\r\n" not in received:
-        received += connection.recv(65536)
-    head, _, body = received.partition(b"\r\n\r\n")
+        seen = connection.recv(65536, socket.MSG_PEEK)
+        assert seen, received
+        end = (received + seen).find(b"\r\n\r\n")
+        received += connection.recv(len(seen) if end < 0 else end + 4 - len(received))
+    head = received[:-4]
     length = int(head.lower().partition(b"content-length:")[2].split(b"\r\n")[0])
+    body = b""
     while len(body) < length:
-        body += connection.recv(65536)
-    assert len(body) == length
+        body += connection.recv(length - len(body))
     return head, body
 
 
@@ -172,6 +176,66 @@ def test_pipelined_and_kept_connections(live: Running) -> None:
     with connected(live) as connection:
         connection.sendall(f"GET {PATH} HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n".encode())
         assert rest(connection).endswith(body)
+
+
+def test_what_follows_an_answer_comes_after_it(live: Running) -> None:
+    """In one packet: a value, and what is answered without the application, with it, or not at all."""
+    request = f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
+    with connected(live) as connection:
+        connection.sendall(request + b"nonsense\r\n\r\n")
+        said = rest(connection)
+        assert said.startswith(b"HTTP/1.1 200 OK")
+        assert b"HTTP/1.1 400 Bad Request" in said
+    with connected(live) as connection:
+        connection.sendall(request + b"GET / HTTP/1.1\r\nX: " + b"y" * 70_000)
+        time.sleep(0.1)
+        connection.sendall(b"y" * 70_000)
+        said = rest(connection)
+        assert said.startswith(b"HTTP/1.1 200 OK")
+        assert said.count(b"HTTP/1.1 ") == 2
+        assert b" 431 " in said
+    with connected(live) as connection:
+        connection.sendall(request)
+        connection.shutdown(socket.SHUT_WR)
+        assert rest(connection).startswith(b"HTTP/1.1 200 OK")
+    mixed = [
+        f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Request-Id: q{k}\r\n\r\n".encode()
+        for k, path in enumerate((PATH, "/health/live", PATH, "/v1/materials/none", PATH, PATH))
+    ]
+    with connected(live) as connection:
+        for _ in range(5):
+            connection.sendall(b"".join(mixed))
+            received = b""
+            while received.count(b"x-request-id") < len(mixed):
+                received += connection.recv(65536)
+            at = [received.index(b"x-request-id: q%d\r" % k) for k in range(len(mixed))]
+            assert at == sorted(at)
+            connection.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                received += connection.recv(65536)
+            connection.setblocking(True)
+
+
+def test_a_get_with_a_body(live: Running) -> None:
+    with connected(live) as connection:
+        for _ in range(3):
+            connection.sendall(f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 5\r\n\r\n12345".encode())
+            assert one_answer(connection)[0].startswith(b"HTTP/1.1 200 ")
+
+
+def test_a_client_that_reads_nothing(live: Running) -> None:
+    """Its answers wait in its own connection until it is told to wait; the others are answered."""
+    request = f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
+    with connected(live) as deaf:
+        deaf.settimeout(0.5)
+        with pytest.raises(TimeoutError):
+            for _ in range(2000):
+                deaf.sendall(1000 * request)
+        time.sleep(1.5)  # longer than a head may take: but it is the server that does not read
+        assert live.ask(PATH).status == 200
+        deaf.settimeout(10)
+        for _ in range(2000):
+            assert one_answer(deaf)[0].startswith(b"HTTP/1.1 200 ")
 
 
 def test_each_is_in_the_log_and_the_counters(live: Running) -> None:

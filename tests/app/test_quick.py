@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app import hotpath, quick
 from app.access_log import AccessLog
 from app.main import create_app
+from app.outbox import Outbox
+from app.quick import Quick
 from app.settings import Settings
 from tests.app.conftest import Serve, assert_problem, local
 
@@ -43,20 +44,29 @@ def said(answer: Any) -> tuple[Any, ...]:
     return answer.status_code, sorted(headers.items()), content
 
 
-def both_ways(client: TestClient, path: str, **headers: str) -> tuple[Any, Any, bool]:
-    taken = []
-    real = quick.one_value
+def at_once(client: Any, path: str, **headers: str) -> Any:
+    """What the server's protocol would answer by itself: `said` of it, or None."""
+    sent = [(name.lower().encode(), value.encode()) for name, value in {**client.headers, **headers}.items()]
+    host = (b"host", b"127.0.0.1:8000")
+    answer = Quick(client.app.state.brdf)(path.encode(), [host, *sent], b"date: then\r\n")
+    if answer is None:
+        return None
+    head, _, body = answer.partition(b"\r\n\r\n")
+    status, *lines = head.decode("ascii").split("\r\n")
+    assert status == "HTTP/1.1 200 OK"
+    pairs = [tuple(line.split(": ", 1)) for line in lines]
+    found = dict(pairs)
+    assert len(found) == len(pairs)
+    assert found.pop("date") == "then"
+    own = found.pop("x-request-id"), found.pop("server-timing")
+    assert all(own)
+    return 200, sorted(found.items()), body
 
-    def watched(*arguments: Any) -> Any:
-        made = real(*arguments)
-        taken.append(made is not None)
-        return made
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hotpath, "one_value", watched)
-        short = client.get(path, headers=headers)
-        patch.setattr(hotpath, "one_value", lambda *_: None)
-        return said(short), said(client.get(path, headers=headers)), any(taken)
+def both_ways(client: Any, path: str, **headers: str) -> tuple[Any, Any, bool]:
+    """The short answer where there is one, the long answer, and whether there was a short one."""
+    short, long = at_once(client, path, **headers), said(client.get(path, headers=headers))
+    return (long if short is None else short), long, short is not None
 
 
 ANGLE = st.one_of(
@@ -105,6 +115,88 @@ def test_other_questions_go_the_long_way(ready: TestClient, path: str, headers: 
     short, long, taken = both_ways(ready, path, **headers)
     assert not taken
     assert short == long
+
+
+def test_a_request_with_more_to_it_goes_the_long_way(ready: Any) -> None:
+    path = "/v1/materials/gold/evaluate?theta_i=3&theta_o=4&delta_phi=5"
+    assert at_once(ready, path) is not None
+    for more in (
+        {"Content-Length": "3"},
+        {"Transfer-Encoding": "chunked"},
+        {"Expect": "100-continue"},
+        {"Upgrade": "h2c"},
+        {"If-None-Match": "*"},
+    ):
+        assert at_once(ready, path, **more) is None, more
+    ask = Quick(ready.app.state.brdf)
+    for hosts in ([], [b"evil.example"], [b"127.0.0.1:8000"] * 2):
+        assert ask(path.encode(), [(b"host", host) for host in hosts], b"") is None
+    assert ask(path.encode() + b"0" * 400, [(b"host", b"127.0.0.1:8000")], b"") is None
+
+
+def test_the_caller_s_id_is_kept_if_it_is_safe(ready: Any) -> None:
+    path = b"/v1/materials/gold/evaluate?theta_i=3&theta_o=4&delta_phi=5"
+    for id, kept in ((b"mine-1", True), (b"a b", False), (b"x" * 65, False), (b"\xff", False)):
+        answer = Quick(ready.app.state.brdf)(path, [(b"host", b"127.0.0.1:8000"), (b"x-request-id", id)], b"")
+        assert answer is not None
+        assert (b"x-request-id: %b\r\n" % id in answer) == kept
+
+
+def test_counted_and_logged(ready: Any) -> None:
+    state = ready.app.state.brdf
+    lines: list[str] = []
+    before = state.metrics.lookups
+    state.access_log = lines.append
+    try:
+        short, _, _ = both_ways(ready, "/v1/materials/gold/evaluate?theta_i=3&theta_o=4&delta_phi=5")
+    finally:
+        state.access_log = None
+    assert state.metrics.lookups == before + 2
+    first, second = ({**json.loads(line), "id": 0, "ms": 0, "time": 0} for line in lines)
+    assert first == second
+    assert first["bytes"] == len(short[2])
+
+
+def test_what_fails_at_once_goes_the_long_way(
+    ready: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(*_: object) -> None:
+        raise RuntimeError("something unforeseen")
+
+    monkeypatch.setattr(ready.app.state.brdf.library, "peek", broken)
+    assert at_once(ready, "/v1/materials/gold/evaluate?theta_i=3&theta_o=4&delta_phi=5") is None
+    assert "something unforeseen" in caplog.text
+
+
+def test_outbox() -> None:
+    class Transport(asyncio.Transport):
+        def __init__(self, closing: bool = False) -> None:
+            super().__init__()
+            self.closing, self.got = closing, b""
+
+        def is_closing(self) -> bool:
+            return self.closing
+
+        def write(self, data: bytes | bytearray | memoryview) -> None:
+            self.got += data
+
+    async def work() -> None:
+        loop, outbox = asyncio.get_running_loop(), Outbox()
+        a, b, gone = Transport(), Transport(), Transport(closing=True)
+        order: list[bytes] = []
+        for transport, answer in ((a, b"1"), (b, b"2"), (gone, b"3")):
+            outbox.put(loop, transport, answer)
+        loop.call_soon(lambda: order.append(a.got))  # whatever is scheduled later comes later
+        assert (a.got, outbox.holds(a), outbox.holds(Transport())) == (b"", True, False)
+        await asyncio.sleep(0)
+        assert (a.got, b.got, gone.got, outbox.holds(a), order) == (b"1", b"2", b"", False, [b"1"])
+        outbox.put(loop, a, b"4")
+        outbox.send()
+        assert a.got == b"14"
+        await asyncio.sleep(0)
+        assert a.got == b"14"
+
+    asyncio.run(work())
 
 
 def test_unchanged(ready: TestClient) -> None:

@@ -41,7 +41,6 @@ def _serve(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[
     import uvicorn
 
     from app.process import server_options
-    from app.settings import Settings
 
     # its protocol spelt out, or asyncio leaves Nagle's delay on: 40 ms an answer
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -49,8 +48,9 @@ def _serve(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[
     listener.listen(256)
     pipe.send(listener.getsockname()[1])
     # ours as `brdf serve` runs it, the others as uvicorn does
-    options = server_options(Settings()) if make is our_app else {}
-    config = uvicorn.Config(make(folder, sizes), log_level="error", access_log=False, lifespan="on", **options)
+    app = make(folder, sizes)
+    options = server_options(app.state.brdf) if make is our_app else {}
+    config = uvicorn.Config(app, log_level="error", access_log=False, lifespan="on", **options)
     with contextlib.suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listener])
 
