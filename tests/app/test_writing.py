@@ -131,6 +131,9 @@ def test_a_damaged_file_can_be_replaced(client: TestClient, data: Path) -> None:
         ({**WHITE, "tabulate": {"max_bytes": 10**12}}, 413, "table_too_large", "tabulate"),
         ({**WHITE, "tabulate": {"tolerance": 0}}, 422, "bad_field", "tabulate.tolerance"),
         ({**WHITE, "tabulate": {"tolerances": 1}}, 422, "bad_field", "tabulate.tolerances"),
+        ({**WHITE, "tabulate": {"light": [1, 0.5]}}, 422, "bad_field", "tabulate.light"),
+        ({**WHITE, "tabulate": {"view": [0, 70]}}, 422, "bad_field", "tabulate.view.1"),
+        ({**WHITE, "tabulate": {"view": [0]}}, 422, "bad_field", "tabulate.view"),
     ],
 )
 def test_models_that_are_refused(
@@ -165,6 +168,21 @@ def test_names_that_are_refused(client: TestClient, data: Path, name: str) -> No
         assert answer.status_code in (404, 405, 422), answer.text
         assert "<svg" not in answer.text or answer.headers["content-type"] == "application/problem+json"
     assert sorted(p.name for p in data.parent.rglob("*")) == before
+
+
+def test_a_table_for_the_angles_seen(client: TestClient, data: Path) -> None:
+    body = {"model": "cook_torrance", "parameters": {"roughness": 0.4, "ior": "gold"}}
+    options = {"representation": "half_difference", "shape": [10, 10, 10], "light": [0, 1.2], "view": [0.3, 1.2]}
+    assert ended(client, client.put("/v1/materials/floor", json={**body, "tabulate": options}))["state"] == "done"
+    path = "/v1/materials/floor/evaluate?angles=rad&delta_phi=1&status=true"
+    said = client.get(f"{path}&theta_i=1,1.4&theta_o=1").json()
+    assert [said["status_names"][code] for code in said["status"]] == ["interpolated", "extrapolated"]
+    local = bc.tabulate(bc.model("cook_torrance", roughness=0.4, ior="gold"), **options)
+    assert local.id == said["id"]
+    # so narrow that nothing can be said of it: known once it is tried
+    narrow = {**options, "view": [0.5, 0.5001]}
+    job = ended(client, client.put("/v1/materials/slit", json={**body, "tabulate": narrow}))
+    assert (job["state"], job["problem"]["code"]) == ("failed", "range_too_narrow")
 
 
 def test_put_and_tabulate(client: TestClient, data: Path) -> None:

@@ -1,0 +1,16 @@
+"""What all of them share."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Unit = Literal["deg", "rad"]
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
+class Strict(BaseModel):
+    """No field beside those listed."""
+
+    model_config = ConfigDict(extra="forbid")

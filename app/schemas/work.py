@@ -1,0 +1,113 @@
+"""What takes a while: options of tabulate, models to store, reports, and the jobs that make them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+import brdfcore as bc
+from app.schemas.base import Strict
+
+#: What the representations offer, each once.
+_INTERPOLATIONS = dict.fromkeys(
+    choice
+    for parameters in bc.representations().values()
+    for parameter in parameters
+    if parameter.name == "interpolation"
+    for choice in parameter.choices
+)
+
+
+def _ascending(given: list[float]) -> list[float]:
+    if not given[0] < given[1]:
+        raise ValueError("expected [from, to] with from < to")
+    return given
+
+
+#: The largest angle is pi/2 in float32, which `tabulate` takes for the horizon.
+Range = Annotated[
+    list[Annotated[float, Field(ge=0, le=float(np.float32(np.pi / 2)))]],
+    Field(min_length=2, max_length=2, examples=[[0, 1.2]]),
+    AfterValidator(_ascending),
+]
+
+
+class TabulateOptions(Strict):
+    """What `brdfcore.tabulate` is asked for."""
+
+    representation: str = Field("auto", max_length=64, description="name of a representation, or auto")
+    tolerance: float | None = Field(None, gt=0, allow_inf_nan=False, description="error to reach (L1)")
+    max_bytes: int | None = Field(None, gt=0, le=2**40, description="the smallest error within so many bytes")
+    shape: list[Annotated[int, Field(ge=2, le=2**31)]] | None = Field(
+        None, min_length=1, max_length=8, description="nodes per axis, both ends included"
+    )
+    interpolation: str = Field(
+        "linear",
+        max_length=64,
+        pattern=f"^(?:{'|'.join(_INTERPOLATIONS)})$",
+        description="between the nodes, if the representation offers it",
+        json_schema_extra={"enum": list(_INTERPOLATIONS)},
+    )
+    negatives: Literal["keep", "zero"] = Field("keep", description="negative values of the source")
+    fold: list[Literal["bilateral", "reciprocal"]] | None = Field(
+        None, max_length=2, description="average over a symmetry that the source does not have"
+    )
+    light: Range | None = Field(
+        None, description="theta_i from, to, radians, that the table is made for; its error is measured there"
+    )
+    view: Range | None = Field(None, description="the same of theta_o")
+
+
+class MaterialModel(Strict):
+    """A model and its parameters."""
+
+    model: str = Field(max_length=64, description="name of a model", examples=["cook_torrance"])
+    parameters: dict[str, Any] = Field({}, examples=[{"roughness": 0.2, "ior": "gold"}])
+    about: str = Field("", max_length=1000, description="a sentence for people")
+    tabulate: TabulateOptions | None = Field(None, description="store a table of it instead of the model itself")
+
+
+class ParetoRequest(Strict):
+    """What the representations of a material are weighed for."""
+
+    tolerance: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="error (L1) that is right enough: 0.01"
+    )
+    max_bytes: int | None = Field(None, gt=0, le=2**40, description="nothing larger is chosen")
+    seconds: float = Field(60.0, ge=1, le=240, description="about how long it may take; fewer sizes are tried in less")
+
+
+class JobProgress(Strict):
+    """How far."""
+
+    done: int
+    total: int
+    stage: str
+
+
+class JobProblem(Strict):
+    """Why a job failed."""
+
+    status: int
+    code: str
+    detail: str
+
+
+class JobAnswer(Strict):
+    """A job."""
+
+    id: str
+    kind: Literal["upload", "tabulate", "pareto"]
+    material: str
+    state: Literal["receiving", "queued", "running", "done", "failed", "cancelled"]
+    progress: JobProgress
+    ahead: int = Field(description="jobs that come before it")
+    created: str
+    finished: str | None
+    problem: JobProblem | None
+    result: dict[str, Any] | None = Field(
+        description="once it is done: id, bytes and measured error of the material; of a report its materials"
+    )
+    links: dict[str, str]
