@@ -64,6 +64,16 @@ class Listed:
 
 
 @dataclass(frozen=True)
+class Page:
+    """Some lines of the list, how many there are, and the files that look like materials but whose names cannot be
+    addressed."""
+
+    lines: list[Listed]
+    total: int
+    skipped: list[str]
+
+
+@dataclass(frozen=True)
 class _Known:
     """What was learnt when a file was last read; kept after its table was let go."""
 
@@ -103,10 +113,6 @@ class Library:
     def names(self) -> list[str]:
         """Names of all materials, sorted."""
         return sorted({path.stem for path in self._files() if NAME.fullmatch(path.stem)})
-
-    def skipped(self) -> list[str]:
-        """Files that look like materials but whose names cannot be addressed."""
-        return sorted(path.name for path in self._files() if not NAME.fullmatch(path.stem))
 
     def peek(self, name: str) -> Material | None:
         """The material if it is loaded and its file unchanged; reads no file."""
@@ -167,9 +173,11 @@ class Library:
             expected="the id of a material, 64 hexadecimal digits",
         )
 
-    def page(self, offset: int, limit: int) -> tuple[list[Listed], int]:
-        """`limit` materials from `offset` in order of their names, and how many there are (reads files never read)."""
-        names = self.names()
+    def page(self, offset: int, limit: int) -> Page:
+        """`limit` materials from `offset` in order of their names (reads files never read)."""
+        files = list(self._files())
+        names = sorted({path.stem for path in files if NAME.fullmatch(path.stem)})
+        skipped = sorted(path.name for path in files if not NAME.fullmatch(path.stem))
         with self._lock:
             for gone in self._known.keys() - set(names):
                 del self._known[gone]
@@ -179,7 +187,7 @@ class Library:
         for name in names[offset : offset + limit]:
             known = self._know(name)
             lines.append(Listed(name, known.facts, known.error is None))
-        return lines, len(names)
+        return Page(lines, len(names), skipped)
 
     def choice_of(self, name: str) -> Path:
         """The hidden file that says which of two files of one name is meant, while one replaces the other."""

@@ -26,7 +26,7 @@ def warm_up(library: Library, artist: Artist) -> None:
     begun = time.perf_counter()
     seen: set[tuple[object, ...]] = set()
     try:
-        lines, _ = library.page(0, 100)
+        lines = library.page(0, 100).lines
     except bc.StorageError as error:
         log.warning("no warm-up: %s", error)
         return

@@ -110,16 +110,16 @@ def _list_route() -> APIRouter:
         library = state_of(request).library
         asked = parse_query(request.scope["query_string"], PAGING)
         offset, limit = asked["offset"], asked["limit"]
-        lines, total = await run_in_threadpool(library.page, offset, limit)
-        end = offset + len(lines)
+        page = await run_in_threadpool(library.page, offset, limit)
+        end = offset + len(page.lines)
         body = to_json(
             {
-                "materials": [with_links(line.name, line.facts) for line in lines],
-                "total": total,
+                "materials": [with_links(line.name, line.facts) for line in page.lines],
+                "total": page.total,
                 "offset": offset,
                 "limit": limit,
-                "next": f"/v1/materials?limit={limit}&offset={end}" if end < total and lines else None,
-                "skipped": library.skipped(),
+                "next": f"/v1/materials?limit={limit}&offset={end}" if end < page.total and page.lines else None,
+                "skipped": page.skipped,
             }
         )
         etag = etag_of(request, body.decode())

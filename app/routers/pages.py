@@ -48,8 +48,8 @@ _DRAWN = (
 async def start(request: Request) -> Response:
     offset = parse_query(request.scope["query_string"], (_OFFSET,))["offset"]
     library = state_of(request).library
-    lines, total = await run_in_threadpool(library.page, offset, PER_PAGE)
-    skipped = library.skipped()
+    listed = await run_in_threadpool(library.page, offset, PER_PAGE)
+    lines, total = listed.lines, listed.total
     base = str(request.base_url).rstrip("/")
     cards = [_card(line.facts, base) if line.usable else _damaged_card(line.facts) for line in lines]
     page = fill(
@@ -58,7 +58,7 @@ async def start(request: Request) -> Response:
         count=f"{total} material{'' if total == 1 else 's'}",
         folder=state_of(request).settings.data,
         cards=join(cards) if cards else fill("empty.html", folder=state_of(request).settings.data),
-        skipped=fill("skipped.html", files=", ".join(skipped)) if skipped else Html(""),
+        skipped=fill("skipped.html", files=", ".join(listed.skipped)) if listed.skipped else Html(""),
         pager=_pager(offset, len(lines), total),
         base=base,
         first=next((line.name for line in lines if line.usable), "NAME"),

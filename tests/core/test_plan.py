@@ -142,10 +142,10 @@ def test_the_service_takes_the_folder(planned: Plan, tmp_path: Path) -> None:
 
     build(planned, tmp_path)
     library = Library(tmp_path, 10**9)
-    lines, count = library.page(0, 100)
-    assert count == 4
-    assert all(line.usable for line in lines)
-    assert library.skipped() == []
+    page = library.page(0, 100)
+    assert page.total == 4
+    assert all(line.usable for line in page.lines)
+    assert page.skipped == []
 
 
 def test_an_environment_takes_harmonics_and_lamps_do_not() -> None:
