@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 
 #: Seconds that a line may wait, and lines that wait at most.
@@ -28,4 +29,6 @@ class AccessLog:
         if self._lines:
             text = "".join(self._lines)
             self._lines.clear()
-            self._write(text)
+            # where nobody reads the log any more, the service goes on without
+            with contextlib.suppress(OSError, ValueError):
+                self._write(text)

@@ -41,7 +41,9 @@ class Hosts:
         if self.known(hosts):
             return
         check_host(self._settings, hosts)
-        if len(hosts) == 1 and len(self._good) < _HOSTS_KEPT:
+        if len(hosts) == 1:
+            if len(self._good) >= _HOSTS_KEPT:
+                self._good.clear()  # with made-up ports anyone can fill it
             self._good.add(hosts[0])
 
 

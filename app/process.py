@@ -121,7 +121,7 @@ def server_options(state: State) -> dict[str, Any]:
         if error.name != "httptools":
             raise
         return {}
-    return {"http": protocol(state.settings.head_seconds, Quick(state))}
+    return {"http": protocol(state.settings, Quick(state))}
 
 
 def bound_arenas() -> None:

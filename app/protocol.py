@@ -1,15 +1,17 @@
-"""The server's HTTP protocol with what it leaves out: limits of time and size for a request's head, and answers that
-need no task of their own."""
+"""The server's HTTP protocol with what it leaves out: limits of time and size for those who send slowly or take
+nothing, and answers that need no task of their own."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
+from uvicorn.protocols.http.flow_control import FlowControl
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from app.outbox import Outbox
+from app.settings import Settings
 
 log = logging.getLogger("brdf.service")
 
@@ -25,18 +27,36 @@ _REFUSALS = {
 Quick = Callable[[bytes, list[tuple[bytes, bytes]], bytes], bytes | None]
 
 
-def protocol(head_seconds: float, quick: Quick) -> type[HttpToolsProtocol]:
-    """The protocol for a server that gives a request's head so many seconds to arrive, and asks `quick` before it
-    starts the application for a GET."""
-    own = {"head_seconds": head_seconds, "quick": staticmethod(quick), "outbox": Outbox()}
+def protocol(settings: Settings, quick: Quick) -> type[HttpToolsProtocol]:
+    """The protocol for a server with these settings, which asks `quick` before it starts the application for a GET."""
+    own = {
+        "head_seconds": settings.head_seconds,
+        "send_seconds": settings.send_seconds,
+        "quick": staticmethod(quick),
+        "outbox": Outbox(),
+    }
     return type("Protocol", (_Protocol,), own)
+
+
+class _Flow(FlowControl):
+    """Reads nothing more while requests wait for their turn. The server's own reads on after each answer, and one
+    client that sends without waiting would fill the memory."""
+
+    def __init__(self, transport: asyncio.Transport, waiting: Collection[object]) -> None:
+        super().__init__(transport)
+        self._waiting = waiting
+
+    def resume_reading(self) -> None:
+        if not self._waiting:
+            super().resume_reading()
 
 
 class _Protocol(HttpToolsProtocol):
     head_seconds: float
+    send_seconds: float
     quick: Quick
     outbox: Outbox
-    #: Runs while a head is awaited: from the connection's begin for the first, from its first byte for each other.
+    #: Runs while a head is awaited: from the connection's begin for the first, from its first packet for each.
     _clock: asyncio.TimerHandle | None = None
     _in_head = True
     _head_bytes = 0
@@ -44,34 +64,49 @@ class _Protocol(HttpToolsProtocol):
     _new_head = False
     #: True from the end of a head that was answered at once to the end of its request.
     _answered = False
+    #: Runs while the client takes nothing of what waits for it, and how much that was when it began.
+    _send_clock: asyncio.TimerHandle | None = None
+    _unsent = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)  # type: ignore[arg-type]
+        self.flow = _Flow(self.transport, self.pipeline)
         self._start_clock()
 
     def data_received(self, data: bytes) -> None:
         self._new_head = False
         super().data_received(data)
-        if self._in_head:
+        if self.transport.is_closing():
+            self._stop_clock()
+        elif self._in_head:
             # where in its first packet a head begins, the parser does not tell: it is one packet too long at most
             self._head_bytes += 1 if self._new_head else len(data)
             if self._head_bytes > MOST_HEAD:
                 self._refuse(431)
-            elif self._clock is None and not self.transport.is_closing():
+            elif self._new_head or self._clock is None:
                 self._start_clock()
-        elif self._clock is not None:
+        else:
             self._stop_clock()
+            if not self._owes() and self.timeout_keep_alive_task is None:  # nothing but an empty line came
+                self._keep_alive()
+
+    def _owes(self) -> bool:
+        """True if a request was read whose answer is not out."""
+        return self.cycle is not None and not self.cycle.response_complete
+
+    def _keep_alive(self) -> None:
+        self.timeout_keep_alive_task = self.loop.call_later(self.timeout_keep_alive, self.timeout_keep_alive_handler)
 
     def on_message_begin(self) -> None:
         self._in_head = self._new_head = True
         self._head_bytes = 0
+        self._unset_keepalive_if_required()  # from here on the head's own clock runs
         super().on_message_begin()
 
     def on_headers_complete(self) -> None:
         self._in_head = False
         self._answered = self._answer_at_once()
         if not self._answered:
-            self._unset_keepalive_if_required()  # which an answer before it in the same packet has begun to count
             super().on_headers_complete()
 
     def on_message_complete(self) -> None:
@@ -85,7 +120,7 @@ class _Protocol(HttpToolsProtocol):
         client reads what is sent, and wants the connection kept."""
         parser = self.parser
         if (
-            (self.cycle is not None and not self.cycle.response_complete)
+            self._owes()
             or self.flow.write_paused
             or self.transport.is_closing()
             or parser.get_method() != b"GET"
@@ -101,11 +136,22 @@ class _Protocol(HttpToolsProtocol):
         self.on_response_complete()  # counts it, and lets the connection wait for the next
         return True
 
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        if not self.transport.is_closing():
+            self.flow.resume_reading()  # which has to wait until the last of those that waited has begun
+            if self._in_head:
+                self._unset_keepalive_if_required()
+
     # what is sent or closed without the application comes after the answers that wait
 
     def send_400_response(self, msg: str) -> None:
         self.outbox.send()
-        super().send_400_response(msg)
+        in_body = self._owes() and not self.pipeline and self.cycle.more_body and not self.cycle.response_started
+        if self._owes() and not in_body:
+            self.transport.close()  # the client would take this answer for that of another request
+        else:
+            super().send_400_response(msg)
 
     def eof_received(self) -> None:
         self.outbox.send()
@@ -115,11 +161,41 @@ class _Protocol(HttpToolsProtocol):
         self.outbox.send()
         super().shutdown()
 
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._start_send_clock()
+
+    def resume_writing(self) -> None:
+        self._stop_send_clock()
+        super().resume_writing()
+
     def connection_lost(self, exc: Exception | None) -> None:
         self._stop_clock()
+        self._stop_send_clock()
         super().connection_lost(exc)
+        self._unset_keepalive_if_required()
+        # requests that still waited lead back here: nothing of a connection may wait for the collector of cycles
+        self.pipeline.clear()
+        self.cycle = None  # type: ignore[assignment]
+
+    def _start_send_clock(self) -> None:
+        self._unsent = self.transport.get_write_buffer_size()
+        self._send_clock = self.loop.call_later(self.send_seconds, self._look_at_the_reader)
+
+    def _stop_send_clock(self) -> None:
+        if self._send_clock is not None:
+            self._send_clock.cancel()
+            self._send_clock = None
+
+    def _look_at_the_reader(self) -> None:
+        if self.transport.get_write_buffer_size() < self._unsent:
+            self._start_send_clock()  # slow, but there
+        else:
+            log.info("connection closed: nothing of an answer was taken for %g s", self.send_seconds)
+            self.transport.abort()
 
     def _start_clock(self) -> None:
+        self._stop_clock()
         self._clock = self.loop.call_later(self.head_seconds, self._refuse, 408)
 
     def _stop_clock(self) -> None:
@@ -131,13 +207,13 @@ class _Protocol(HttpToolsProtocol):
         self._stop_clock()
         if self.transport.is_closing():
             return
-        if status == 408 and self.flow.read_paused:  # what is missing may lie there since, unread until others are done
-            self._start_clock()
+        if status == 408 and self._owes():
+            self._start_clock()  # those before it come first, and what is missing may lie there, unread until then
             return
         self.outbox.send()
         log.info("connection closed: the head of a request was too %s", "slow" if status == 408 else "long")
         # nobody listens who never sent a byte; and into an answer that is under way no other one is written
-        if self._head_bytes and (self.cycle is None or self.cycle.response_complete):
+        if self._head_bytes and not self._owes():
             self.transport.write(_REFUSALS[status])
         self.transport.close()
 

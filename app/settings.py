@@ -40,6 +40,9 @@ class Settings(BaseModel):
     head_seconds: float = Field(
         20, gt=0, description="seconds in which the line and headers of a request must have arrived"
     )
+    send_seconds: float = Field(
+        60, gt=0, description="seconds after which a client that takes nothing of its answer is cut off"
+    )
     body_seconds: float = Field(60, gt=0, description="seconds in which a request body must have arrived")
     max_upload_bytes: int = Field(256 * MB, ge=1, description="most bytes of an uploaded file, counted as received")
     upload_seconds: float = Field(600, gt=0, description="seconds in which an upload must have arrived")

@@ -198,6 +198,9 @@ def serve(
     head_seconds: Annotated[
         float | None, typer.Option(help="What the headers of a request get to arrive.", show_default=False)
     ] = None,
+    send_seconds: Annotated[
+        float | None, typer.Option(help="After which a client that takes nothing is cut off.", show_default=False)
+    ] = None,
     body_seconds: Annotated[
         float | None, typer.Option(help="In which a request body must arrive.", show_default=False)
     ] = None,
@@ -250,6 +253,7 @@ def serve(
         body_seconds=body_seconds,
         max_json_bytes=_bytes("--max-json-bytes", max_json_bytes),
         head_seconds=head_seconds,
+        send_seconds=send_seconds,
         max_values=max_values,
         max_theta_i=max_theta_i,
         max_lmax=max_lmax,

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import contextlib
+import gc
 import json
 import shutil
 import socket
 import time
-from collections.abc import Iterator
+import weakref
+from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from app.settings import Settings
 from tests.app.running import Running, running
 
 pytest.importorskip("httptools")
@@ -224,23 +228,84 @@ def test_a_get_with_a_body(live: Running) -> None:
             assert one_answer(connection)[0].startswith(b"HTTP/1.1 200 ")
 
 
-def test_a_client_that_reads_nothing(live: Running) -> None:
-    """Its answers wait in its own connection until the server reads no more of it; the others are answered."""
+def flood(connection: socket.socket, request: bytes, seconds: float, *, reading: bool) -> int:
+    """Send without waiting for answers; how many requests went out before the time was over or the connection."""
+    packet, sent, until = 2000 * request, 0, time.monotonic() + seconds
+    connection.settimeout(0.05)
+    with contextlib.suppress(ConnectionError):
+        while time.monotonic() < until:
+            with contextlib.suppress(TimeoutError):
+                sent += connection.send(packet[sent % len(packet) :])
+            with contextlib.suppress(TimeoutError):
+                if reading:
+                    connection.recv(2**20)
+    return sent // len(request)
+
+
+@pytest.mark.parametrize("reading", [False, True])
+def test_a_client_that_does_not_wait(live: Running, reading: bool) -> None:
+    """It takes its own connection's room and its turn, and nothing from the others."""
     request = f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
-    with connected(live) as deaf:
-        deaf.settimeout(0.5)
-        with pytest.raises(TimeoutError):
-            deaf.sendall(2_000_000 * request)
-        assert live.ask(PATH).status == 200
-        deaf.settimeout(10)
-        for _ in range(1000):
-            assert one_answer(deaf)[0].startswith(b"HTTP/1.1 200 ")
+    memory = Path(f"/proc/{live.process.pid}/statm")
+    if not memory.exists():
+        pytest.skip("no /proc here to see the memory of a process")
+    before = int(memory.read_text().split()[1])
+    with connected(live) as connection, concurrent.futures.ThreadPoolExecutor(1) as pool:
+        flooding = pool.submit(flood, connection, request, 3, reading=reading)
+        spent = []
+        while not flooding.done():
+            begun = time.monotonic()
+            assert live.ask(PATH).status == 200
+            spent.append(time.monotonic() - begun)
+            time.sleep(0.05)
+        assert flooding.result() > 5000
+    grown = (int(memory.read_text().split()[1]) - before) * 4096 / 2**20
+    assert grown < 200, f"{grown:.0f} MiB"
+    assert sorted(spent)[len(spent) // 2] < 0.5
+
+
+def test_who_takes_nothing_is_cut_off(original: Path, tmp_path: Path) -> None:
+    data = Path(shutil.copytree(original, tmp_path / "data"))
+    body = json.dumps({"theta_i": [30] * 200_000, "theta_o": 40, "delta_phi": 170}).encode()
+    head = f"POST {PATH.partition('?')[0]} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {len(body)}\r\n".encode()
+    with running(data, "--send-seconds", "1") as live, connected(live) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        for _ in range(20):  # more than the system's own buffers hold
+            with contextlib.suppress(TimeoutError, ConnectionError):
+                connection.settimeout(0.5)
+                connection.sendall(head + b"Content-Type: application/json\r\n\r\n" + body)
+        deadline = time.monotonic() + 20
+        while not any("nothing of an answer was taken" in line for line in live.errors):
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        assert live.ask("/health/live").status == 200
+
+
+def test_heads_that_begin_in_the_packet_before(live: Running) -> None:
+    """Each gets its own time to arrive."""
+    request = f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
+    with connected(live) as connection:
+        connection.sendall(request[:20])
+        for _ in range(15):
+            connection.sendall(request[20:] + request[:20])
+            assert one_answer(connection)[0].startswith(b"HTTP/1.1 200 ")
+            time.sleep(0.1)
+
+
+def test_junk_behind_a_request_is_no_answer_to_it(live: Running) -> None:
+    with connected(live) as connection:
+        connection.sendall(b"GET /health/live HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nnonsense\r\n\r\n")
+        assert not rest(connection).startswith(b"HTTP/1.1 400 ")
+
+
+# ---- without a server: the clocks, a hundred times faster -----------------------------------------------------
 
 
 class Wire(asyncio.Transport):
     """Notes what happens to it."""
 
     closed = False
+    unsent = 0
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         pass
@@ -251,6 +316,11 @@ class Wire(asyncio.Transport):
     def close(self) -> None:
         self.closed = True
 
+    abort = close
+
+    def get_write_buffer_size(self) -> int:
+        return self.unsent
+
     def pause_reading(self) -> None:
         pass
 
@@ -258,26 +328,137 @@ class Wire(asyncio.Transport):
         pass
 
 
-def test_a_head_is_not_slow_while_nothing_is_read() -> None:
+GET = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+def at_the_wire(work: Callable[[Any, Wire], Awaitable[None]], quick: Any = None, keep_alive: Any = 60) -> None:
+    """Run `work` with a protocol whose clocks end after .1 s, above an application that never answers."""
     from uvicorn import Config
     from uvicorn.server import ServerState
 
     from app.protocol import protocol
 
-    async def work() -> list[bool]:
-        config, wire = Config(lambda *_: None), Wire()
-        config.load()
-        server = protocol(0.05, lambda *_: None)(config, ServerState(), {}, asyncio.get_running_loop())
-        server.connection_made(wire)
-        server.data_received(b"GET / HT")
-        server.flow.pause_reading()  # as when answers of requests before it are not out yet
-        await asyncio.sleep(0.2)
-        found = [wire.closed]
-        server.flow.resume_reading()
-        await asyncio.sleep(0.2)
-        return [*found, wire.closed]
+    async def never(scope: Any, receive: Any, send: Any) -> None:
+        await asyncio.Event().wait()
 
-    assert asyncio.run(work()) == [False, True]
+    async def run() -> None:
+        config, wire = Config(never, timeout_keep_alive=keep_alive), Wire()
+        config.load()
+        made = protocol(Settings(head_seconds=0.1, send_seconds=0.1), quick or (lambda *_: None))
+        server = made(config, ServerState(), {}, asyncio.get_running_loop())
+        server.connection_made(wire)
+        await work(server, wire)
+        tasks = set(server.tasks)
+        server.connection_lost(None)
+        for task in tasks:
+            task.cancel()
+        assert server.timeout_keep_alive_task is None
+
+    asyncio.run(run())
+
+
+def test_a_slow_head_is_cut_off_when_it_is_its_turn() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(GET + GET[:20])
+        await asyncio.sleep(0.3)
+        assert not wire.closed  # an answer is owed
+        server.cycle.response_complete = True
+        await asyncio.sleep(0.3)
+        assert wire.closed
+
+    at_the_wire(work)
+
+
+def test_a_head_that_has_begun_is_not_idle() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.head_seconds = 60
+        server.data_received(GET + GET[:20])
+        await asyncio.sleep(0.2)
+        assert not wire.closed
+        server.data_received(GET[20:])
+        assert not wire.closed
+        await asyncio.sleep(0.2)
+        assert wire.closed
+
+    at_the_wire(work, quick=lambda *_: b"an answer", keep_alive=0.1)
+
+
+def test_a_head_that_began_while_another_was_answered_is_not_idle() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.head_seconds = 60
+        server.data_received(GET + GET[:20])
+        server.cycle.response_complete = True
+        server.on_response_complete()
+        await asyncio.sleep(0.3)
+        assert not wire.closed
+
+    at_the_wire(work, keep_alive=0.1)
+
+
+def test_empty_lines_are_no_sign_of_life() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(GET)
+        server.data_received(b"\r\n")
+        await asyncio.sleep(0.3)
+        assert wire.closed
+
+    at_the_wire(work, quick=lambda *_: b"an answer", keep_alive=0.1)
+
+
+def test_nothing_is_read_while_requests_wait() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(3 * GET)
+        assert len(server.pipeline) == 2
+        for waiting in (1, 0):
+            assert server.flow.read_paused
+            first = server.cycle
+            first.response_complete = True
+            server.on_response_complete()
+            assert len(server.pipeline) == waiting
+        assert not server.flow.read_paused
+
+    at_the_wire(work)
+
+
+def test_a_slow_reader_is_not_one_that_takes_nothing() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(GET)
+        wire.unsent = 1000
+        server.pause_writing()
+        for _ in range(10):
+            wire.unsent -= 10
+            await asyncio.sleep(0.04)
+        assert not wire.closed
+        server.resume_writing()
+        await asyncio.sleep(0.3)
+        assert not wire.closed
+        server.pause_writing()
+        await asyncio.sleep(0.3)
+        assert wire.closed
+
+    at_the_wire(work)
+
+
+@pytest.mark.parametrize("sent", [b"", GET[:9], GET, 3 * GET, 3 * GET + GET[:9]])
+def test_nothing_of_a_connection_stays(sent: bytes) -> None:
+    """No collector of cycles is needed for it."""
+    from app.protocol import _Protocol
+
+    kept: list[weakref.ref[Any]] = []
+
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(sent)
+        kept.append(weakref.ref(server))
+
+    gc.collect()
+    gc.disable()
+    try:
+        at_the_wire(work)
+        assert isinstance(kept[0], weakref.ref)
+        left = kept[0]()
+        assert left is None or not isinstance(left, _Protocol)
+    finally:
+        gc.enable()
 
 
 def test_each_is_in_the_log_and_the_counters(live: Running) -> None:

@@ -261,6 +261,19 @@ def test_log_lines_are_written_together() -> None:
     asyncio.run(work())
 
 
+def test_a_log_that_nobody_reads() -> None:
+    def gone(_: str) -> None:
+        raise BrokenPipeError
+
+    async def work() -> None:
+        log = AccessLog(gone)
+        for k in range(450):
+            log(f"{k}\n")
+        log.flush()
+
+    asyncio.run(work())
+
+
 def test_request_ids_differ(ready: TestClient) -> None:
     ids = [ready.get("/health/live").headers["x-request-id"] for _ in range(20)]
     assert len(set(ids)) == 20
