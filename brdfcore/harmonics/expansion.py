@@ -32,6 +32,8 @@ Float64Array = npt.NDArray[np.float64]
 MAX_LMAX = 1_024
 #: Degree of `tabulate` without a shape.
 DEFAULT_LMAX = 32
+#: Points times coefficients of a block that one thread takes: half a millisecond.
+_BLOCK_WORK = 2**18
 
 
 class HarmonicExpansion(Table):
@@ -177,15 +179,22 @@ class HarmonicExpansion(Table):
         return layout, ratios, np.concatenate(found)
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        from brdfcore.kernels.blocks import run
         from brdfcore.kernels.harmonic import LANES, harmonic_values
 
-        # in plain look-ups, for the choice of threads
-        work = theta_i.size * max(self._cores.size // 64, 1)
-        outside = harmonic_values(
-            work, theta_i, theta_o, delta_phi, out.reshape(-1), *self._steps, self._bases, self._cores,
-            len(self.channels), self.packed, theta_i.dtype.type(HALF_PI), LANES,
+        count = len(self.channels)
+        shared = (
+            *self._steps, self._bases, self._cores, count, self.packed, theta_i.dtype.type(HALF_PI), LANES
         )  # fmt: skip
-        return bool(outside == 0)
+        flat = out.reshape(-1)
+
+        def work(start: int, stop: int) -> bool:
+            angles = theta_i[start:stop], theta_o[start:stop], delta_phi[start:stop]
+            return bool(harmonic_values.serial(*angles, flat[start * count : stop * count], *shared) == 0)
+
+        # a block takes as long as thousands of plain look-ups, and is made of whole groups of points
+        block = LANES * max(1, _BLOCK_WORK // max(self._cores.size, 1) // LANES)
+        return run(work, theta_i.size, block, 2 * block)
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         return np.full(theta_i.shape, Status.INTERPOLATED, np.uint8)

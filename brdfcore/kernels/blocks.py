@@ -1,4 +1,5 @@
-"""Run numpy work over a long batch in blocks that stay in cache, on all cores. No numba.
+"""Run work that releases the GIL over a long batch in blocks, on all cores: numpy's steps, or a kernel of much work a
+point, whose parallel version would take the compiler three times as long. No numba.
 
 numpy writes each intermediate result out whole: over millions of points every step waits for memory. In blocks the
 intermediates stay in the cache, and as numpy releases the GIL inside a step, blocks also run beside each other.
@@ -35,23 +36,26 @@ def threads() -> int:
     return min(cores, _MOST_THREADS)
 
 
-def run(work: Callable[[int, int], bool], n: int) -> bool:
+def run(work: Callable[[int, int], bool], n: int, block: int = BLOCK, parallel_from: int = PARALLEL_FROM) -> bool:
     """work(start, stop) over all blocks of range(n), until one returns False or raises; True if none did.
 
     Blocks run in any order and beside each other. Numpy's error state and other context variables of the caller hold
     in every thread.
+
+    block          points of a block.
+    parallel_from  points from which a second thread pays.
     """
-    helpers = threads() - 1 if n >= PARALLEL_FROM else 0
+    helpers = threads() - 1 if n >= parallel_from else 0
     if helpers < 1 or not _busy.acquire(blocking=False):
-        return all(work(start, min(start + BLOCK, n)) for start in range(0, n, BLOCK))
+        return all(work(start, min(start + block, n)) for start in range(0, n, block))
     try:
-        return _spread(work, n, helpers)
+        return _spread(work, n, block, helpers)
     finally:
         _busy.release()
 
 
-def _spread(work: Callable[[int, int], bool], n: int, helpers: int) -> bool:
-    starts = iter(range(0, n, BLOCK))
+def _spread(work: Callable[[int, int], bool], n: int, block: int, helpers: int) -> bool:
+    starts = iter(range(0, n, block))
     taking = threading.Lock()
     failed: list[BaseException | None] = []
 
@@ -62,7 +66,7 @@ def _spread(work: Callable[[int, int], bool], n: int, helpers: int) -> bool:
             if start >= n:
                 return
             try:
-                if not work(start, min(start + BLOCK, n)):
+                if not work(start, min(start + block, n)):
                     failed.append(None)
             except BaseException as error:
                 failed.append(error)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import warnings
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from brdfcore.tables.specular_grid import SpecularGrid
 from tests.core.rgl_synthetic import fields_of
 
 
+@cache
 def measured(channels: int = 1, bilateral: bool = True) -> bc.Brdf:
     """A few scattered geometries of a broad lobe."""
     rng = np.random.default_rng(3)

@@ -9,13 +9,15 @@ import pytest
 
 import brdfcore as bc
 from brdfcore.brdf import RGB, Brdf
-from brdfcore.errors import FileFormatError
+from brdfcore.errors import FileFormatError, InputError
 from brdfcore.harmonics.expansion import HarmonicExpansion
 from brdfcore.harmonics.grids import grid_values
 from brdfcore.harmonics.legendre import legendre
 from brdfcore.harmonics.projection import expanded
 from brdfcore.harmonics.rules import lobe_widths, rule_for
+from brdfcore.kernels import blocks
 from brdfcore.kernels.harmonic import LANES, harmonic_numpy
+from brdfcore.kernels.launch import one_thread
 from tests import shared
 from tests.core.formulas import Formula, evaluated_error, lopsided
 
@@ -102,6 +104,23 @@ def test_kernel_is_its_twin(lmax: int, kind: str) -> None:
     np.testing.assert_allclose(h.evaluate(*angles).reshape(-1), out, rtol=1e-11, atol=1e-13)
     angles[1][5] = np.nan
     with pytest.raises(bc.InputError, match="theta_o"):
+        h.evaluate(*angles)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_blocks_and_threads_change_no_bit(dtype: type[np.floating[Any]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many blocks, the last of them short, on several threads and on one; and what is wrong in the last one is told."""
+    h = expanded(bc.model("ggx", roughness=0.4, ior="gold"), 16)
+    angles = (np.random.default_rng(3).random((3, 20_011)) * np.pi / 2).astype(dtype)
+    monkeypatch.setattr(blocks, "threads", lambda: 3)
+    spread = h.evaluate(*angles)
+    with one_thread():
+        monkeypatch.setattr(blocks, "threads", lambda: 1)
+        np.testing.assert_array_equal(h.evaluate(*angles), spread)
+    some = slice(None, None, 997)
+    np.testing.assert_array_equal(h.evaluate(*angles[:, some]), spread[some])
+    angles[1, -1] = np.nan
+    with pytest.raises(InputError, match=r"theta_o\[20010\]"):
         h.evaluate(*angles)
 
 

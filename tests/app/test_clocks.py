@@ -1,0 +1,176 @@
+"""How long the server's protocol waits for a client, and what it keeps of one: without a server, and its clocks a
+hundred times faster."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import weakref
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from app.settings import Settings
+
+pytest.importorskip("httptools")
+
+
+class Wire(asyncio.Transport):
+    """Notes what happens to it."""
+
+    closed = False
+    unsent = 0
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        pass
+
+    def is_closing(self) -> bool:
+        return self.closed
+
+    def close(self) -> None:
+        self.closed = True
+
+    abort = close
+
+    def get_write_buffer_size(self) -> int:
+        return self.unsent
+
+    def pause_reading(self) -> None:
+        pass
+
+    def resume_reading(self) -> None:
+        pass
+
+
+GET = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+def at_the_wire(work: Callable[[Any, Wire], Awaitable[None]], quick: Any = None, keep_alive: Any = 60) -> None:
+    """Run `work` with a protocol whose clocks end after .1 s, above an application that never answers."""
+    from uvicorn import Config
+    from uvicorn.server import ServerState
+
+    from app.protocol import protocol
+
+    async def never(scope: Any, receive: Any, send: Any) -> None:
+        await asyncio.Event().wait()
+
+    async def run() -> None:
+        config, wire = Config(never, timeout_keep_alive=keep_alive), Wire()
+        config.load()
+        made = protocol(Settings(head_seconds=0.1, send_seconds=0.1), quick or (lambda *_: None))
+        server = made(config, ServerState(), {}, asyncio.get_running_loop())
+        server.connection_made(wire)
+        await work(server, wire)
+        tasks = set(server.tasks)
+        server.connection_lost(None)
+        for task in tasks:
+            task.cancel()
+        assert server.timeout_keep_alive_task is None
+
+    asyncio.run(run())
+
+
+def test_a_slow_head_is_cut_off_when_it_is_its_turn() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(GET + GET[:20])
+        await asyncio.sleep(0.3)
+        assert not wire.closed  # an answer is owed
+        server.cycle.response_complete = True
+        await asyncio.sleep(0.3)
+        assert wire.closed
+
+    at_the_wire(work)
+
+
+def test_a_head_that_has_begun_is_not_idle() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.head_seconds = 60
+        server.data_received(GET + GET[:20])
+        await asyncio.sleep(0.2)
+        assert not wire.closed
+        server.data_received(GET[20:])
+        assert not wire.closed
+        await asyncio.sleep(0.2)
+        assert wire.closed
+
+    at_the_wire(work, quick=lambda *_: b"an answer", keep_alive=0.1)
+
+
+def test_a_head_that_began_while_another_was_answered_is_not_idle() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.head_seconds = 60
+        server.data_received(GET + GET[:20])
+        server.cycle.response_complete = True
+        server.on_response_complete()
+        await asyncio.sleep(0.3)
+        assert not wire.closed
+
+    at_the_wire(work, keep_alive=0.1)
+
+
+def test_empty_lines_are_no_sign_of_life() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(GET)
+        server.data_received(b"\r\n")
+        await asyncio.sleep(0.3)
+        assert wire.closed
+
+    at_the_wire(work, quick=lambda *_: b"an answer", keep_alive=0.1)
+
+
+def test_nothing_is_read_while_requests_wait() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(3 * GET)
+        assert len(server.pipeline) == 2
+        for waiting in (1, 0):
+            assert server.flow.read_paused
+            first = server.cycle
+            first.response_complete = True
+            server.on_response_complete()
+            assert len(server.pipeline) == waiting
+        assert not server.flow.read_paused
+
+    at_the_wire(work)
+
+
+def test_a_slow_reader_is_not_one_that_takes_nothing() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(GET)
+        wire.unsent = 1000
+        server.pause_writing()
+        for _ in range(10):
+            wire.unsent -= 10
+            await asyncio.sleep(0.04)
+        assert not wire.closed
+        server.resume_writing()
+        await asyncio.sleep(0.3)
+        assert not wire.closed
+        server.pause_writing()
+        await asyncio.sleep(0.3)
+        assert wire.closed
+
+    at_the_wire(work)
+
+
+@pytest.mark.parametrize("sent", [b"", GET[:9], GET, 3 * GET, 3 * GET + GET[:9]])
+def test_nothing_of_a_connection_stays(sent: bytes) -> None:
+    """No collector of cycles is needed for it."""
+    from app.protocol import _Protocol
+
+    kept: list[weakref.ref[Any]] = []
+
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(sent)
+        kept.append(weakref.ref(server))
+
+    gc.collect()
+    gc.disable()
+    try:
+        at_the_wire(work)
+        assert isinstance(kept[0], weakref.ref)
+        left = kept[0]()
+        assert left is None or not isinstance(left, _Protocol)
+    finally:
+        gc.enable()
