@@ -22,6 +22,7 @@ TABLES = {
     "accuracy": (["accuracy", "--markdown"], True),
     "tables": (["tables", "measured", "analytic", "speed"], False),
     "lookup": (["lookup"], False),
+    "service": (["service"], False),
     "harmonics": (["harmonics", "files", "--degrees", "32"], True),
 }
 
