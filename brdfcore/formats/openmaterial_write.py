@@ -12,7 +12,8 @@ import numpy.typing as npt
 from brdfcore.brdf import RGB, VALUE, Brdf
 from brdfcore.errors import InputError
 from brdfcore.tables.base import BuildOptions
-from brdfcore.tables.specular_grid import SpecularGrid, above_horizon, node_directions
+from brdfcore.tables.mirror_coordinates import above_horizon, node_directions
+from brdfcore.tables.specular_grid import SpecularGrid
 
 Float64Array = npt.NDArray[np.float64]
 

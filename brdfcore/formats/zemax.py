@@ -24,7 +24,8 @@ from brdfcore.formats.zemax_text import ZemaxFile, bad, compose, parse
 from brdfcore.metrics import measured_flags
 from brdfcore.parameters import Parameter, resolve
 from brdfcore.tables.base import FLAGS
-from brdfcore.tables.specular_grid import GRAZING, SpecularGrid, above_horizon, node_directions
+from brdfcore.tables.mirror_coordinates import above_horizon, node_directions
+from brdfcore.tables.specular_grid import GRAZING, SpecularGrid
 
 Float64Array = npt.NDArray[np.float64]
 

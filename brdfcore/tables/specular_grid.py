@@ -29,22 +29,23 @@ from brdfcore.tables.base import (
     interpolated_delta,
     sampled_delta,
 )
+from brdfcore.tables.mirror_coordinates import (
+    about_mirror,
+    above_horizon,
+    default_nodes,
+    node_directions,
+    slice_cosines,
+)
 
 Float64Array = npt.NDArray[np.float64]
 
 #: Nodes of theta_i, azimuth over half a turn, distance, where no shape is asked for.
 DEFAULT_SHAPE = (28, 19, 40)
-#: Distances are spaced evenly below this, rad, and geometrically above; half the finest lobe that such a table is for.
-INNER = 0.002
-#: Cosines below this count as this much where slices are weighed by them: 2.9 degrees above the horizon.
-LEAST_COSINE = 0.05
 #: Distance from a node, rad, at which a direction is the node: files print angles to 1e-6 rad.
 _AT_NODE = 2e-6
 #: Nodes of a sampled source this close to the horizon, rad, are left to continuation: f may grow like 1/cos there and
 #: is infinite, or rounding noise, in it.
 GRAZING = float(np.radians(0.5))
-#: Rounding of a direction that lies in the horizon, in its cosine.
-HORIZON_SLACK = 1e-9
 _MOST_VALUES = 2**31 - 1
 #: Directions evaluated at a time: bounds the memory of the eight corners.
 _CHUNK = 65_536
@@ -57,8 +58,9 @@ class SpecularGrid(Table):
     With S the mirror direction of wi: distance r = angle(wo, S); azimuth 0 from S towards the normal (for theta_i = 0,
     towards wi's azimuth), counter-clockwise seen from outside, so that 0 < delta_phi < pi has 0 < azimuth < pi.
     Between nodes of theta_i the product f c_i c_o is interpolated at equal r and azimuth, each slice with the cosines
-    of its own directions there, none below `LEAST_COSINE`; along r and azimuth f itself. Beyond the first and last
-    theta_i the nearest slice is continued. At theta_i = 0, where azimuth has no meaning, the slice is constant in it.
+    of its own directions there, none below `mirror_coordinates.LEAST_COSINE`; along r and azimuth f itself. Beyond the
+    first and last theta_i the nearest slice is continued. At theta_i = 0, where azimuth has no meaning, the slice is
+    constant in it.
 
     Arrays:
 
@@ -108,7 +110,7 @@ class SpecularGrid(Table):
         azimuth, radial = about_mirror(theta_i, theta_o, delta_phi)
         (k, u), (a, v), (r, w) = self._places(theta_i, azimuth, radial)
         inside = np.clip(theta_i, self.theta_i[0], self.theta_i[-1])
-        here = _cosines(inside, azimuth, radial)
+        here = slice_cosines(inside, azimuth, radial)
         flat = self.values.reshape(-1, self.values.shape[3])
         n_a, n_r = self.values.shape[1:3]
         found = np.zeros((theta_i.size, flat.shape[1]))
@@ -116,7 +118,7 @@ class SpecularGrid(Table):
             node = (slice_ * n_a + a) * n_r + r
             low = flat[node] + w[:, None] * (flat[node + 1] - flat[node])
             high = flat[node + n_r] + w[:, None] * (flat[node + n_r + 1] - flat[node + n_r])
-            ratio = _cosines(self.theta_i[slice_], azimuth, radial) / here
+            ratio = slice_cosines(self.theta_i[slice_], azimuth, radial) / here
             found += (share * ratio)[:, None] * (low + v[:, None] * (high - low))
         return found
 
@@ -337,58 +339,6 @@ class SpecularGrid(Table):
         return node_directions(self.theta_i, self.azimuth, self.radial)
 
 
-def about_mirror(
-    theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array
-) -> tuple[Float64Array, Float64Array]:
-    """(azimuth in [-pi, pi], distance) of wo about the mirror direction of wi.
-
-    In the frame of S, e0 towards the normal and e1 = S x e0: with e = delta_phi - pi,
-    x = sin(theta_i - theta_o) + 2 c_i s_o sin^2(e/2), y = -s_o sin e,
-    z = cos(theta_i - theta_o) - 2 s_i s_o sin^2(e/2): the sums cancel nowhere near the mirror direction, where
-    c_i s_o cos(delta_phi) + s_i c_o would.
-    """
-    s_i, c_i = np.sin(theta_i), np.cos(theta_i)
-    s_o = np.sin(theta_o)
-    e = np.where(delta_phi < 0, delta_phi + np.pi, delta_phi - np.pi)
-    turn = 2 * np.sin(0.5 * e) ** 2
-    x = np.sin(theta_i - theta_o) + c_i * s_o * turn
-    y = -s_o * np.sin(e)
-    z = np.cos(theta_i - theta_o) - s_i * s_o * turn
-    return np.arctan2(y, x), np.arctan2(np.hypot(x, y), z)
-
-
-def node_directions(
-    theta_i: Float64Array, azimuth: Float64Array, radial: Float64Array
-) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """The inverse of `about_mirror` at every node, each (K, A, R); theta_o up to pi, delta_phi in [-pi, pi]."""
-    i, a, r = np.meshgrid(theta_i, azimuth, radial, indexing="ij")
-    along, across, out = np.sin(r) * np.cos(a), np.sin(r) * np.sin(a), np.cos(r)
-    x = np.cos(i) * along - np.sin(i) * out
-    z = np.sin(i) * along + np.cos(i) * out
-    theta_o = np.arctan2(np.hypot(x, across), z)
-    # where wo is the normal, or wi is, up to rounding, delta_phi has no meaning
-    delta_phi = np.where(theta_o > 1e-12, np.arctan2(across, x), 0.0)
-    return i, theta_o, delta_phi
-
-
-def above_horizon(
-    theta_i: Float64Array, azimuth: Float64Array, radial: Float64Array, *, inset: float = -HORIZON_SLACK
-) -> npt.NDArray[np.bool_]:
-    """(K, A, R): whether a node's wo is above the horizon by `inset`, rad; by default it may lie in it."""
-    return np.asarray(np.cos(node_directions(theta_i, azimuth, radial)[1]) >= np.sin(inset))
-
-
-def default_nodes(shape: tuple[int, int, int], bilateral: bool) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Nodes of theta_i, azimuth and distance: theta_i denser towards the horizon, distance towards 0."""
-    n_i, n_a, n_r = shape
-    u = np.linspace(0, 1, n_i)
-    theta_i = np.radians(89.0) * (1.6 * u - 0.6 * u**2.5)
-    azimuth = np.linspace(0, np.pi if bilateral else 2 * np.pi, n_a)
-    radial = INNER * np.sinh(np.linspace(0, np.arcsinh(np.pi / INNER), n_r))
-    radial[-1] = np.pi
-    return theta_i, azimuth, radial
-
-
 def _sampled(
     source: Brdf, nodes: tuple[Float64Array, Float64Array, Float64Array], fold: bool, progress: Progress | None
 ) -> Float64Array:
@@ -428,13 +378,6 @@ def _over_azimuth(values: Float64Array, given: npt.NDArray[np.bool_]) -> Float64
 def _place(x: Float64Array, nodes: Float64Array) -> tuple[npt.NDArray[np.int64], Float64Array]:
     cell = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, nodes.size - 2)
     return cell, np.clip((x - nodes[cell]) / (nodes[cell + 1] - nodes[cell]), 0, 1)
-
-
-def _cosines(theta_i: Float64Array, azimuth: Float64Array, radial: Float64Array) -> Float64Array:
-    """c_i c_o of the direction at (azimuth, radial) about the mirror direction of theta_i, each at least the least."""
-    c_i, s_i = np.cos(theta_i), np.sin(theta_i)
-    c_o = c_i * np.cos(radial) + s_i * np.sin(radial) * np.cos(azimuth)
-    return np.asarray(np.maximum(c_i, LEAST_COSINE) * np.maximum(c_o, LEAST_COSINE))
 
 
 def _bad(field: str, got: str, expected: str) -> FileFormatError:

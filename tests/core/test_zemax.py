@@ -14,7 +14,8 @@ from brdfcore.errors import FileFormatError, InputError
 from brdfcore.formats.base import LossWarning
 from brdfcore.formats.zemax_text import ZemaxFile, compose, parse
 from brdfcore.status import Status
-from brdfcore.tables.specular_grid import SpecularGrid, about_mirror, node_directions
+from brdfcore.tables.mirror_coordinates import about_mirror, node_directions
+from brdfcore.tables.specular_grid import SpecularGrid
 from tests.core.format_examples import specular
 from tests.shared import FOLDER, needs_shared
 
