@@ -33,6 +33,9 @@ SUFFIXES: dict[str, Kind] = {".h5": "table", ".json": "model"}
 #: Seconds for which a name's file is taken for its only one.
 _SURE_SECONDS = 0.25
 
+#: Materials of a folder that is so small that its list is made in the event loop: some milliseconds at most.
+_FEW = 200
+
 #: What tells one state of a file from another: inode, mtime in ns, size.
 Stamp = tuple[int, int, int]
 
@@ -96,6 +99,7 @@ class Library:
         self._known: dict[str, _Known] = {}
         self._names_of: dict[str, str] = {}  # id -> name
         self._sure: dict[str, tuple[str, float]] = {}  # name -> its one file, and until when that is believed
+        self._count: int | None = None  # of all materials, when last listed
         self._lock = threading.Lock()
         # one file is read at a time: two requests for one table must not hold it twice
         self._reading = threading.Lock()
@@ -161,7 +165,8 @@ class Library:
             if material is not None:
                 return material
             for name in self.names():
-                if self._know(name).id == id:
+                known = self._know(name)
+                if known is not None and known.id == id:
                     material = self.get(name)
                     if material.id == id:
                         return material
@@ -173,11 +178,23 @@ class Library:
             expected="the id of a material, 64 hexadecimal digits",
         )
 
+    def peek_page(self, offset: int, limit: int) -> Page | None:
+        """As `page` if the folder was small and no file has to be read; None otherwise."""
+        if self._count is None or self._count > _FEW:
+            return None
+        return self._page(offset, limit, reading=False)
+
     def page(self, offset: int, limit: int) -> Page:
         """`limit` materials from `offset` in order of their names (reads files never read)."""
+        page = self._page(offset, limit, reading=True)
+        assert page is not None
+        return page
+
+    def _page(self, offset: int, limit: int, *, reading: bool) -> Page | None:
         files = list(self._files())
         names = sorted({path.stem for path in files if NAME.fullmatch(path.stem)})
         skipped = sorted(path.name for path in files if not NAME.fullmatch(path.stem))
+        self._count = len(names)
         with self._lock:
             for gone in self._known.keys() - set(names):
                 del self._known[gone]
@@ -185,7 +202,9 @@ class Library:
             self._names_of = {k: v for k, v in self._names_of.items() if v in self._known}
         lines = []
         for name in names[offset : offset + limit]:
-            known = self._know(name)
+            known = self._know(name, reading=reading)
+            if known is None:
+                return None
             lines.append(Listed(name, known.facts, known.error is None))
         return Page(lines, len(names), skipped)
 
@@ -240,8 +259,9 @@ class Library:
             expected=", ".join(close) if close else "the name of a material",
         )
 
-    def _know(self, name: str) -> _Known:
-        """What is known of a file, after reading it if it is new or has changed."""
+    def _know(self, name: str, *, reading: bool = True) -> _Known | None:
+        """What is known of a file, after reading it if it is new or has changed; None if it is, and is not to be
+        read."""
         try:
             _, kind, stamp = self._find(name)
         except MaterialDamagedError as error:
@@ -252,6 +272,8 @@ class Library:
             known = self._known.get(name)
         if known is not None and known.stamp == stamp:
             return known
+        if not reading:
+            return None
         try:
             material = self.get(name)
         except (NotFoundError, MaterialDamagedError) as error:

@@ -110,7 +110,9 @@ def _list_route() -> APIRouter:
         library = state_of(request).library
         asked = parse_query(request.scope["query_string"], PAGING)
         offset, limit = asked["offset"], asked["limit"]
-        page = await run_in_threadpool(library.page, offset, limit)
+        page = library.peek_page(offset, limit)
+        if page is None:
+            page = await run_in_threadpool(library.page, offset, limit)
         end = offset + len(page.lines)
         body = to_json(
             {

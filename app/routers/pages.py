@@ -48,7 +48,9 @@ _DRAWN = (
 async def start(request: Request) -> Response:
     offset = parse_query(request.scope["query_string"], (_OFFSET,))["offset"]
     library = state_of(request).library
-    listed = await run_in_threadpool(library.page, offset, PER_PAGE)
+    listed = library.peek_page(offset, PER_PAGE)
+    if listed is None:
+        listed = await run_in_threadpool(library.page, offset, PER_PAGE)
     lines, total = listed.lines, listed.total
     base = str(request.base_url).rstrip("/")
     cards = [_card(line.facts, base) if line.usable else _damaged_card(line.facts) for line in lines]

@@ -207,6 +207,23 @@ def test_byte_lru() -> None:
     assert lru.nbytes == 1
 
 
+def test_a_list_in_passing(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Made in the event loop only where that reads no file and looks at few."""
+    library = Library(data, 10**9)
+    assert library.peek_page(0, 100) is None  # nothing is known of the folder
+    page = library.page(0, 100)
+    assert library.peek_page(0, 100) == page
+    assert library.peek_page(1, 2) == library.page(1, 2)
+    (data / "new.json").write_text('{"model": "lambert"}')
+    assert library.peek_page(0, 100) is None
+    assert [line.name for line in library.page(0, 100).lines if line.name == "new"]
+    assert library.peek_page(0, 100) is not None
+    (data / "new.json").unlink()
+    assert library.peek_page(0, 100) == page
+    monkeypatch.setattr("app.library._FEW", page.total - 1)
+    assert library.peek_page(0, 100) is None
+
+
 def test_a_table_is_read_once(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     library = Library(data, 10**9)
     opened = []
