@@ -182,18 +182,21 @@ class HarmonicExpansion(Table):
         from brdfcore.kernels.blocks import run
         from brdfcore.kernels.harmonic import LANES, harmonic_values
 
-        count = len(self.channels)
         shared = (
-            *self._steps, self._bases, self._cores, count, self.packed, theta_i.dtype.type(HALF_PI), LANES
+            *self._steps, self._bases, self._cores, len(self.channels), self.packed,
+            theta_i.dtype.type(HALF_PI), LANES,
         )  # fmt: skip
         flat = out.reshape(-1)
+        # a block takes as long as thousands of plain look-ups, and is made of whole groups of points
+        block = LANES * max(1, _BLOCK_WORK // max(self._cores.size, 1) // LANES)
+        if theta_i.size <= block:
+            return bool(harmonic_values(theta_i, theta_o, delta_phi, flat, *shared) == 0)
 
         def work(start: int, stop: int) -> bool:
             angles = theta_i[start:stop], theta_o[start:stop], delta_phi[start:stop]
-            return bool(harmonic_values.serial(*angles, flat[start * count : stop * count], *shared) == 0)
+            values = flat[start * len(self.channels) : stop * len(self.channels)]
+            return bool(harmonic_values(*angles, values, *shared) == 0)
 
-        # a block takes as long as thousands of plain look-ups, and is made of whole groups of points
-        block = LANES * max(1, _BLOCK_WORK // max(self._cores.size, 1) // LANES)
         return run(work, theta_i.size, block, 2 * block)
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:

@@ -18,14 +18,14 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.conventions import DELTA_PHI_DIRECT, HALF_PI, FloatArray
-from brdfcore.kernels.jit import inline, kernel, prange
+from brdfcore.kernels.jit import inline, on_one_thread
 from brdfcore.kernels.vectorised import load, store
 
 Float64Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-#: Points worked on together, and groups a task of the parallel version.
-LANES, GROUPS = 32, 4
+#: Points worked on together.
+LANES = 32
 #: Columns of the layout, one row an order: numbers of degrees and of basis functions of both directions (as many as
 #: degrees: the identity), where their bases begin, where the cores of cosines and sines do (-1: none), and where the
 #: steps' coefficients do.
@@ -155,7 +155,7 @@ def _paired(lanes, y, z, rank_i, rank_o, core, first, symmetric, wave, t, total,
             place += rank_o
 
 
-@kernel
+@on_one_thread
 def harmonic_values(
     theta_i, theta_o, delta_phi, out, layout, ratios, coefficients, bases, cores, channels, symmetric, limit, lanes
 ):
@@ -171,89 +171,85 @@ def harmonic_values(
         most = max(most, max(layout[m, DEGREES_I], layout[m, DEGREES_O]))
     size = theta_i.size
     outside = np.int64(0)
-    for task in prange((size + lanes * GROUPS - 1) // (lanes * GROUPS)):
-        p = np.empty((most + 4) * lanes)
-        y = np.empty((most + 4) * lanes)
-        z = np.empty((most + 4) * lanes)
-        t = np.empty(lanes)
-        state = np.empty((12, lanes))
-        sine_i, sine_o, x2_i, x2_o = state[0], state[1], state[2], state[3]
-        # of delta_phi and of m delta_phi; p_m^m of both directions
-        cos_1, sin_1, cos_m, sin_m = state[4], state[5], state[6], state[7]
-        seed_i, seed_o, wave_c, wave_s = state[8], state[9], state[10], state[11]
-        total = np.empty(channels * lanes)
-        for group in range(GROUPS):
-            start = (task * GROUPS + group) * lanes
-            if start >= size:
-                break
-            for j in range(lanes):
-                k = min(start + j, size - 1)
-                a = theta_i[k]
-                b = theta_o[k]
-                d = delta_phi[k]
-                # a comparison with NaN is false, so NaN counts as outside
-                inside = (a >= 0) & (a <= limit) & (b >= 0) & (b <= limit) & (abs(d) <= DELTA_PHI_DIRECT)
-                if (not inside) and start + j < size:
-                    outside += 1
-                ti = min(np.float64(a), HALF_PI) if inside else 0.0
-                to = min(np.float64(b), HALF_PI) if inside else 0.0
-                turn = np.float64(d) if inside else 0.0
-                sine_i[j] = np.sin(ti)
-                sine_o[j] = np.sin(to)
-                x2_i[j] = np.cos(ti) * np.cos(ti)
-                x2_o[j] = np.cos(to) * np.cos(to)
-                cos_1[j] = np.cos(turn)
-                sin_1[j] = np.sin(turn)
-                cos_m[j] = 1.0
-                sin_m[j] = 0.0
-                seed_i[j] = ratios[0]
-                seed_o[j] = ratios[0]
-            for k in range(channels * lanes):
-                total[k] = 0.0
-            for m in range(layout.shape[0]):
-                if m > 0:
-                    alive = False
-                    for j in range(lanes):
-                        c = cos_m[j] * cos_1[j] - sin_m[j] * sin_1[j]
-                        sin_m[j] = sin_m[j] * cos_1[j] + cos_m[j] * sin_1[j]
-                        cos_m[j] = c
-                        left = seed_i[j] * (ratios[m] * sine_i[j])
-                        right = seed_o[j] * (ratios[m] * sine_o[j])
-                        left = left if left > _NOTHING else 0.0
-                        right = right if right > _NOTHING else 0.0
-                        seed_i[j] = left
-                        seed_o[j] = right
-                        alive |= (left > 0.0) & (right > 0.0)
-                    # from here on every order adds exactly 0
-                    if not alive:
-                        break
-                row = layout[m]
-                count = row[DEGREES_I]
-                rank_i = row[RANK_I]
-                rank_o = row[RANK_O]
-                identity = rank_i == count
-                _functions(lanes, x2_i, seed_i, coefficients, row[STEPS_I], count, y if identity else p)
-                if not identity:
-                    _combined(lanes, p, count, bases, row[BASIS_I], rank_i, y)
-                count = row[DEGREES_O]
-                identity = rank_o == count
-                _functions(lanes, x2_o, seed_o, coefficients, row[STEPS_O], count, z if identity else p)
-                if not identity:
-                    _combined(lanes, p, count, bases, row[BASIS_O], rank_o, z)
+    p = np.empty((most + 4) * lanes)
+    y = np.empty((most + 4) * lanes)
+    z = np.empty((most + 4) * lanes)
+    t = np.empty(lanes)
+    state = np.empty((12, lanes))
+    sine_i, sine_o, x2_i, x2_o = state[0], state[1], state[2], state[3]
+    # of delta_phi and of m delta_phi; p_m^m of both directions
+    cos_1, sin_1, cos_m, sin_m = state[4], state[5], state[6], state[7]
+    seed_i, seed_o, wave_c, wave_s = state[8], state[9], state[10], state[11]
+    total = np.empty(channels * lanes)
+    for start in range(0, size, lanes):
+        for j in range(lanes):
+            k = min(start + j, size - 1)
+            a = theta_i[k]
+            b = theta_o[k]
+            d = delta_phi[k]
+            # a comparison with NaN is false, so NaN counts as outside
+            inside = (a >= 0) & (a <= limit) & (b >= 0) & (b <= limit) & (abs(d) <= DELTA_PHI_DIRECT)
+            if (not inside) and start + j < size:
+                outside += 1
+            ti = min(np.float64(a), HALF_PI) if inside else 0.0
+            to = min(np.float64(b), HALF_PI) if inside else 0.0
+            turn = np.float64(d) if inside else 0.0
+            sine_i[j] = np.sin(ti)
+            sine_o[j] = np.sin(to)
+            x2_i[j] = np.cos(ti) * np.cos(ti)
+            x2_o[j] = np.cos(to) * np.cos(to)
+            cos_1[j] = np.cos(turn)
+            sin_1[j] = np.sin(turn)
+            cos_m[j] = 1.0
+            sin_m[j] = 0.0
+            seed_i[j] = ratios[0]
+            seed_o[j] = ratios[0]
+        for k in range(channels * lanes):
+            total[k] = 0.0
+        for m in range(layout.shape[0]):
+            if m > 0:
+                alive = False
                 for j in range(lanes):
-                    wave_c[j] = cos_m[j] * (1.0 if m == 0 else 2.0)
-                    wave_s[j] = 2.0 * sin_m[j]
-                length = rank_i * (rank_i + 1) // 2 if symmetric else rank_i * rank_o
-                for channel in range(channels):
-                    at = channel * lanes
-                    first = row[COSINES] + channel * length
-                    _paired(lanes, y, z, rank_i, rank_o, cores, first, symmetric, wave_c, t, total, at)
-                    if row[SINES] >= 0:
-                        first = row[SINES] + channel * length
-                        _paired(lanes, y, z, rank_i, rank_o, cores, first, symmetric, wave_s, t, total, at)
-            for j in range(min(lanes, size - start)):
-                for channel in range(channels):
-                    out[(start + j) * channels + channel] = total[channel * lanes + j]
+                    c = cos_m[j] * cos_1[j] - sin_m[j] * sin_1[j]
+                    sin_m[j] = sin_m[j] * cos_1[j] + cos_m[j] * sin_1[j]
+                    cos_m[j] = c
+                    left = seed_i[j] * (ratios[m] * sine_i[j])
+                    right = seed_o[j] * (ratios[m] * sine_o[j])
+                    left = left if left > _NOTHING else 0.0
+                    right = right if right > _NOTHING else 0.0
+                    seed_i[j] = left
+                    seed_o[j] = right
+                    alive |= (left > 0.0) & (right > 0.0)
+                # from here on every order adds exactly 0
+                if not alive:
+                    break
+            row = layout[m]
+            count = row[DEGREES_I]
+            rank_i = row[RANK_I]
+            rank_o = row[RANK_O]
+            identity = rank_i == count
+            _functions(lanes, x2_i, seed_i, coefficients, row[STEPS_I], count, y if identity else p)
+            if not identity:
+                _combined(lanes, p, count, bases, row[BASIS_I], rank_i, y)
+            count = row[DEGREES_O]
+            identity = rank_o == count
+            _functions(lanes, x2_o, seed_o, coefficients, row[STEPS_O], count, z if identity else p)
+            if not identity:
+                _combined(lanes, p, count, bases, row[BASIS_O], rank_o, z)
+            for j in range(lanes):
+                wave_c[j] = cos_m[j] * (1.0 if m == 0 else 2.0)
+                wave_s[j] = 2.0 * sin_m[j]
+            length = rank_i * (rank_i + 1) // 2 if symmetric else rank_i * rank_o
+            for channel in range(channels):
+                at = channel * lanes
+                first = row[COSINES] + channel * length
+                _paired(lanes, y, z, rank_i, rank_o, cores, first, symmetric, wave_c, t, total, at)
+                if row[SINES] >= 0:
+                    first = row[SINES] + channel * length
+                    _paired(lanes, y, z, rank_i, rank_o, cores, first, symmetric, wave_s, t, total, at)
+        for j in range(min(lanes, size - start)):
+            for channel in range(channels):
+                out[(start + j) * channels + channel] = total[channel * lanes + j]
     return outside
 
 

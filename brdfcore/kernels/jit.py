@@ -56,6 +56,12 @@ def kernel(function: AnyFunction) -> Kernel:
     return Kernel(function)
 
 
+def on_one_thread(function: AnyFunction) -> Any:
+    """Decorator: a loop for the calling thread, for `blocks.run` to spread. A parallel version takes the compiler three
+    times as long, as it is optimised again with each function around it."""
+    return _compile(function, parallel=False)
+
+
 def inline(function: AnyFunction) -> Any:
     """Decorator for a helper that kernels call. The vectoriser sees a loop only as far as it has no calls, so LLVM has
     to inline it; numba's own `inline="always"` types the merged body anew and takes eight times as long to compile."""
