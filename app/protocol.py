@@ -5,17 +5,20 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections import deque
 from collections.abc import Callable, Collection
 
 from uvicorn.protocols.http.flow_control import FlowControl
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from app.outbox import Outbox
+from app.send_clock import SendClock
 from app.settings import Settings
 
 log = logging.getLogger("brdf.service")
 
-#: Bytes of a request's line and headers. A URL of evaluate holds a few thousand angles.
+#: Bytes of a request's line and headers, and of what is no body after them. A URL of evaluate holds a few thousand
+#: angles.
 MOST_HEAD = 64 * 1024
 _REFUSALS = {
     408: b"HTTP/1.1 408 Request Timeout\r\nconnection: close\r\ncontent-length: 0\r\n\r\n",
@@ -31,6 +34,7 @@ def protocol(settings: Settings, quick: Quick) -> type[HttpToolsProtocol]:
     """The protocol for a server with these settings, which asks `quick` before it starts the application for a GET."""
     own = {
         "head_seconds": settings.head_seconds,
+        "body_seconds": settings.body_seconds,
         "send_seconds": settings.send_seconds,
         "quick": staticmethod(quick),
         "outbox": Outbox(),
@@ -53,63 +57,94 @@ class _Flow(FlowControl):
 
 class _Protocol(HttpToolsProtocol):
     head_seconds: float
+    body_seconds: float
     send_seconds: float
     quick: Quick
     outbox: Outbox
-    #: Runs while a head is awaited: from the connection's begin for the first, from its first packet for each.
+    send_clock: SendClock
+    #: Runs while a head is awaited: from the connection's begin for the first, from its first packet for each. And
+    #: while the rest of a body comes whose answer is out.
     _clock: asyncio.TimerHandle | None = None
     _in_head = True
-    _head_bytes = 0
-    #: True if that head began in the packet that is being read, after others perhaps.
-    _new_head = False
+    #: True from a request's end, however it was answered, to the begin of the next.
+    _ended = True
+    #: True if the packet that is being read begins a head, or holds some of a body.
+    _new_head = _new_body = False
+    #: Bytes since then: of a head, of trailers, of what a client may write beside the pieces of a body.
+    _idle_bytes = 0
     #: True from the end of a head that was answered at once to the end of its request.
     _answered = False
-    #: Runs while the client takes nothing of what waits for it, and how much that was when it began.
-    _send_clock: asyncio.TimerHandle | None = None
-    _unsent = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)  # type: ignore[arg-type]
         self.flow = _Flow(self.transport, self.pipeline)
-        self._start_clock()
+        self.send_clock = SendClock(self.loop, self.transport, self.send_seconds)
+        #: Requests read whose answers are not out, but for those answered at once.
+        self._unanswered: deque[RequestResponseCycle] = deque()
+        self._start_clock(self.head_seconds)
 
     def data_received(self, data: bytes) -> None:
-        self._new_head = False
+        self._new_head = self._new_body = False
         super().data_received(data)
+        if not (self._ended or self._new_head or self._new_body):
+            # where in its first packet a head begins, the parser does not tell: it is one packet too long at most
+            self._idle_bytes += len(data)
+            if self._idle_bytes > MOST_HEAD:
+                self._refuse(431)
+        self._wait()
+
+    def _wait(self) -> None:
+        """Let the clock run that belongs to what is awaited now."""
         if self.transport.is_closing():
             self._stop_clock()
         elif self._in_head:
-            # where in its first packet a head begins, the parser does not tell: it is one packet too long at most
-            self._head_bytes += 1 if self._new_head else len(data)
-            if self._head_bytes > MOST_HEAD:
-                self._refuse(431)
-            elif self._new_head or self._clock is None:
-                self._start_clock()
+            self._unset_keepalive_if_required()
+            if self._new_head or self._clock is None:
+                self._start_clock(self.head_seconds)
+        elif self._owes():
+            self._stop_clock()
+        elif not self._ended:
+            self._unset_keepalive_if_required()
+            if self._clock is None:
+                self._start_clock(self.body_seconds)
         else:
             self._stop_clock()
-            if not self._owes() and self.timeout_keep_alive_task is None:  # nothing but an empty line came
-                self._keep_alive()
+            if self.timeout_keep_alive_task is None:  # nothing but an empty line came
+                self.timeout_keep_alive_task = self.loop.call_later(
+                    self.timeout_keep_alive, self.timeout_keep_alive_handler
+                )
 
     def _owes(self) -> bool:
         """True if a request was read whose answer is not out."""
         return self.cycle is not None and not self.cycle.response_complete
 
-    def _keep_alive(self) -> None:
-        self.timeout_keep_alive_task = self.loop.call_later(self.timeout_keep_alive, self.timeout_keep_alive_handler)
-
     def on_message_begin(self) -> None:
         self._in_head = self._new_head = True
-        self._head_bytes = 0
+        self._ended = False
+        self._idle_bytes = 0
         self._unset_keepalive_if_required()  # from here on the head's own clock runs
         super().on_message_begin()
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        if self._in_head:  # a trailer is of no use to anybody
+            super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
         self._in_head = False
         self._answered = self._answer_at_once()
         if not self._answered:
+            before = self.cycle
             super().on_headers_complete()
+            if self.cycle is not before:
+                self._unanswered.append(self.cycle)
+
+    def on_body(self, body: bytes) -> None:
+        self._new_body = True
+        self._idle_bytes = 0
+        super().on_body(body)
 
     def on_message_complete(self) -> None:
+        self._ended = True
         if self._answered:
             self._answered = False
         else:
@@ -133,15 +168,22 @@ class _Protocol(HttpToolsProtocol):
         if answer is None:
             return False
         self.outbox.put(self.loop, self.transport, answer)
-        self.on_response_complete()  # counts it, and lets the connection wait for the next
+        super().on_response_complete()  # counts it, and lets the connection wait for the next
         return True
 
     def on_response_complete(self) -> None:
+        while self._unanswered and self._unanswered[0].response_complete:
+            self._unanswered.popleft()
         super().on_response_complete()
+        self.send_clock.watch()
         if not self.transport.is_closing():
             self.flow.resume_reading()  # which has to wait until the last of those that waited has begun
-            if self._in_head:
-                self._unset_keepalive_if_required()
+            self._new_head = False
+            self._wait()
+
+    def timeout_keep_alive_handler(self) -> None:
+        super().timeout_keep_alive_handler()
+        self.send_clock.watch()  # a transport that is closed waits for ever for what is left
 
     # what is sent or closed without the application comes after the answers that wait
 
@@ -152,6 +194,7 @@ class _Protocol(HttpToolsProtocol):
             self.transport.close()  # the client would take this answer for that of another request
         else:
             super().send_400_response(msg)
+        self.send_clock.watch()
 
     def eof_received(self) -> None:
         self.outbox.send()
@@ -160,43 +203,29 @@ class _Protocol(HttpToolsProtocol):
     def shutdown(self) -> None:
         self.outbox.send()
         super().shutdown()
+        self.send_clock.watch()
 
     def pause_writing(self) -> None:
         super().pause_writing()
-        self._start_send_clock()
-
-    def resume_writing(self) -> None:
-        self._stop_send_clock()
-        super().resume_writing()
+        self.send_clock.watch()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._stop_clock()
-        self._stop_send_clock()
+        self.send_clock.stop()
+        # the server's own tells only the last request that was read
+        for cycle in self._unanswered:
+            cycle.disconnected = True
+            cycle.message_event.set()
+        self._unanswered.clear()
         super().connection_lost(exc)
         self._unset_keepalive_if_required()
         # requests that still waited lead back here: nothing of a connection may wait for the collector of cycles
         self.pipeline.clear()
         self.cycle = None  # type: ignore[assignment]
 
-    def _start_send_clock(self) -> None:
-        self._unsent = self.transport.get_write_buffer_size()
-        self._send_clock = self.loop.call_later(self.send_seconds, self._look_at_the_reader)
-
-    def _stop_send_clock(self) -> None:
-        if self._send_clock is not None:
-            self._send_clock.cancel()
-            self._send_clock = None
-
-    def _look_at_the_reader(self) -> None:
-        if self.transport.get_write_buffer_size() < self._unsent:
-            self._start_send_clock()  # slow, but there
-        else:
-            log.info("connection closed: nothing of an answer was taken for %g s", self.send_seconds)
-            self.transport.abort()
-
-    def _start_clock(self) -> None:
+    def _start_clock(self, seconds: float) -> None:
         self._stop_clock()
-        self._clock = self.loop.call_later(self.head_seconds, self._refuse, 408)
+        self._clock = self.loop.call_later(seconds, self._refuse, 408)
 
     def _stop_clock(self) -> None:
         if self._clock is not None:
@@ -208,14 +237,17 @@ class _Protocol(HttpToolsProtocol):
         if self.transport.is_closing():
             return
         if status == 408 and self._owes():
-            self._start_clock()  # those before it come first, and what is missing may lie there, unread until then
+            # those before it come first, and what is missing may lie there, unread until then
+            self._start_clock(self.head_seconds)
             return
         self.outbox.send()
-        log.info("connection closed: the head of a request was too %s", "slow" if status == 408 else "long")
-        # nobody listens who never sent a byte; and into an answer that is under way no other one is written
-        if self._head_bytes and not self._owes():
+        what = "head" if self._in_head else "rest"
+        log.info("connection closed: the %s of a request was too %s", what, "slow" if status == 408 else "long")
+        # nobody listens who never sent a byte; and into an answer that is under way, or after it, no other is written
+        if self._in_head and not self._ended and not self._owes():
             self.transport.write(_REFUSALS[status])
         self.transport.close()
+        self.send_clock.watch()
 
 
 class _Lines:

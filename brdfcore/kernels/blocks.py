@@ -71,9 +71,14 @@ def _spread(work: Callable[[int, int], bool], n: int, block: int, helpers: int) 
             except BaseException as error:
                 failed.append(error)
 
-    workers = [threading.Thread(target=contextvars.copy_context().run, args=(take,)) for _ in range(helpers)]
-    for worker in workers:
-        worker.start()
+    workers = []
+    for _ in range(helpers):
+        worker = threading.Thread(target=contextvars.copy_context().run, args=(take,))
+        try:
+            worker.start()
+        except RuntimeError:  # no more threads are to be had
+            break
+        workers.append(worker)
     take()
     for worker in workers:
         worker.join()

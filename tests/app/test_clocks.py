@@ -19,7 +19,7 @@ pytest.importorskip("httptools")
 class Wire(asyncio.Transport):
     """Notes what happens to it."""
 
-    closed = False
+    closed = aborted = False
     unsent = 0
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
@@ -31,7 +31,8 @@ class Wire(asyncio.Transport):
     def close(self) -> None:
         self.closed = True
 
-    abort = close
+    def abort(self) -> None:
+        self.closed = self.aborted = True
 
     def get_write_buffer_size(self) -> int:
         return self.unsent
@@ -59,12 +60,13 @@ def at_the_wire(work: Callable[[Any, Wire], Awaitable[None]], quick: Any = None,
     async def run() -> None:
         config, wire = Config(never, timeout_keep_alive=keep_alive), Wire()
         config.load()
-        made = protocol(Settings(head_seconds=0.1, send_seconds=0.1), quick or (lambda *_: None))
+        made = protocol(Settings(head_seconds=0.1, body_seconds=0.1, send_seconds=0.1), quick or (lambda *_: None))
         server = made(config, ServerState(), {}, asyncio.get_running_loop())
         server.connection_made(wire)
         await work(server, wire)
         tasks = set(server.tasks)
-        server.connection_lost(None)
+        if server.parser is not None:
+            server.connection_lost(None)
         for task in tasks:
             task.cancel()
         assert server.timeout_keep_alive_task is None
@@ -141,15 +143,69 @@ def test_a_slow_reader_is_not_one_that_takes_nothing() -> None:
         wire.unsent = 1000
         server.pause_writing()
         for _ in range(10):
-            wire.unsent -= 10
+            wire.unsent -= 100
             await asyncio.sleep(0.04)
         assert not wire.closed
-        server.resume_writing()
+        wire.unsent = 0
         await asyncio.sleep(0.3)
         assert not wire.closed
+        wire.unsent = 5
         server.pause_writing()
         await asyncio.sleep(0.3)
+        assert wire.aborted
+
+    at_the_wire(work)
+
+
+def test_what_is_left_when_a_connection_is_closed_is_not_waited_for_for_ever() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        wire.unsent = 5  # so little that the server goes on as if it were sent
+        server.data_received(GET)
+        await asyncio.sleep(0.15)
         assert wire.closed
+        assert not wire.aborted
+        await asyncio.sleep(0.15)
+        assert wire.aborted
+
+    at_the_wire(work, quick=lambda *_: b"an answer", keep_alive=0.1)
+
+
+def test_the_rest_of_a_body_whose_answer_is_out_has_to_come() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(GET[:-2] + b"Content-Length: 100\r\n\r\n")
+        server.cycle.response_complete = True
+        server.on_response_complete()
+        for _ in range(10):
+            server.data_received(b"x")
+            await asyncio.sleep(0.03)
+        assert wire.closed
+
+    at_the_wire(work)
+
+
+def test_after_the_rest_of_a_body_the_connection_goes_on() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(GET[:-2] + b"Content-Length: 3\r\n\r\n")
+        server.cycle.response_complete = True
+        server.on_response_complete()
+        await asyncio.sleep(0.03)
+        server.data_received(b"xyz")
+        await asyncio.sleep(0.3)
+        assert not wire.closed
+        server.data_received(GET)
+        assert server._owes()
+
+    at_the_wire(work)
+
+
+def test_all_whose_client_is_gone_hear_of_it() -> None:
+    async def work(server: Any, wire: Wire) -> None:
+        server.data_received(GET)
+        first = server.cycle
+        server.data_received(GET)
+        server.connection_lost(None)
+        assert first.disconnected
+        assert first.message_event.is_set()
 
     at_the_wire(work)
 

@@ -294,6 +294,31 @@ def test_junk_behind_a_request_is_no_answer_to_it(live: Running) -> None:
         assert not rest(connection).startswith(b"HTTP/1.1 400 ")
 
 
+@pytest.mark.parametrize("method", ["GET", "POST"])
+def test_endless_trailers(live: Running, method: str) -> None:
+    """What may follow the last piece of a body is nobody's, and has a limit too."""
+    path = "/health/live" if method == "GET" else PATH.partition("?")[0]
+    with connected(live) as connection:
+        head = f"{method} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
+        connection.sendall(head.encode() + b"Transfer-Encoding: chunked\r\n\r\n0\r\n")
+        sent = 0
+        with contextlib.suppress(ConnectionError):
+            while sent < 2**26:
+                connection.sendall(1000 * b"a: b\r\n")
+                sent += 6000
+        assert sent < 2**25  # the buffers of the system aside
+    assert live.ask("/health/live").status == 200
+
+
+def test_many_small_pieces_of_a_body(live: Running) -> None:
+    body = json.dumps({"theta_i": [30] * 30_000, "theta_o": 40, "delta_phi": 170}).encode()
+    pieces = b"".join(b"1;a-word-beside-it\r\n%c\r\n" % byte for byte in body)
+    with connected(live) as connection:
+        head = f"POST {PATH.partition('?')[0]} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
+        connection.sendall(head.encode() + b"Transfer-Encoding: chunked\r\n\r\n" + pieces + b"0\r\nx: y\r\n\r\n")
+        assert one_answer(connection)[0].startswith(b"HTTP/1.1 200 ")
+
+
 def test_each_is_in_the_log_and_the_counters(live: Running) -> None:
     named = {"X_Request_Id": "a-request-of-mine"}
     answer = live.ask(PATH, **named)

@@ -310,6 +310,24 @@ def test_an_error_in_a_block_reaches_the_caller(monkeypatch: pytest.MonkeyPatch)
         assert not blocks.run(lambda start, stop: start < 4 * blocks.BLOCK, 9 * blocks.BLOCK)
 
 
+def test_where_no_thread_is_to_be_had(monkeypatch: pytest.MonkeyPatch) -> None:
+    started = []
+
+    def start(thread: threading.Thread) -> None:
+        if started:
+            raise RuntimeError("can't start new thread")
+        started.append(thread)
+        real(thread)
+
+    real = threading.Thread.start
+    monkeypatch.setattr(blocks, "threads", lambda: 4)
+    monkeypatch.setattr(threading.Thread, "start", start)
+    done: list[int] = []
+    assert blocks.run(lambda start, stop: not done.append(start), 9 * blocks.BLOCK)  # type: ignore[func-returns-value]
+    assert sorted(done) == list(range(0, 9 * blocks.BLOCK, blocks.BLOCK))
+    assert not started[0].is_alive()
+
+
 def test_callers_in_several_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """One is spread over the cores, the others run where they are; all get the same bits."""
     monkeypatch.setattr(blocks, "threads", lambda: 2)
