@@ -86,6 +86,8 @@ class _Protocol(HttpToolsProtocol):
     def data_received(self, data: bytes) -> None:
         self._new_head = self._new_body = False
         super().data_received(data)
+        if self._ended and self._clock is None and self.timeout_keep_alive_task is not None:
+            return  # all is answered already
         if not (self._ended or self._new_head or self._new_body):
             # where in its first packet a head begins, the parser does not tell: it is one packet too long at most
             self._idle_bytes += len(data)
