@@ -11,7 +11,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from app.caching import BY_ID, BY_NAME, etag_of, not_modified
-from app.library import Material
+from app.library import Library, Material, Page
 from app.state import state_of
 
 
@@ -66,6 +66,12 @@ async def by_id(request: Request) -> Addressed:
     library, id = state_of(request).library, request.path_params["id"]
     material = library.peek_id(id)
     return Addressed(material if material is not None else await run_in_threadpool(library.get_id, id), by_id=True)
+
+
+async def page_of(library: Library, offset: int, limit: int) -> Page:
+    """A page of the list of materials; off the event loop if files have to be read, or many looked at."""
+    page = library.peek_page(offset, limit)
+    return page if page is not None else await run_in_threadpool(library.page, offset, limit)
 
 
 @dataclass(frozen=True)

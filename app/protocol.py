@@ -118,7 +118,7 @@ class _Protocol(HttpToolsProtocol):
 
     def _owes(self) -> bool:
         """True if a request was read whose answer is not out."""
-        return self.cycle is not None and not self.cycle.response_complete
+        return bool(self._unanswered)
 
     def on_message_begin(self) -> None:
         self._in_head = self._new_head = True

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from fastapi import APIRouter
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from app.addressing import BY_NAME_ADDRESS, Address
+from app.addressing import BY_NAME_ADDRESS, Address, page_of
 from app.caching import BY_NAME, etag_of, not_modified
 from app.json_codec import to_json
 from app.openapi import answers, parameters, ref
@@ -110,9 +109,7 @@ def _list_route() -> APIRouter:
         library = state_of(request).library
         asked = parse_query(request.scope["query_string"], PAGING)
         offset, limit = asked["offset"], asked["limit"]
-        page = library.peek_page(offset, limit)
-        if page is None:
-            page = await run_in_threadpool(library.page, offset, limit)
+        page = await page_of(library, offset, limit)
         end = offset + len(page.lines)
         body = to_json(
             {

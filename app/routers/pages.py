@@ -9,12 +9,11 @@ from typing import Any
 from urllib.parse import urlencode
 
 from fastapi import APIRouter
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
 import brdfcore as bc
-from app.addressing import by_name
+from app.addressing import by_name, page_of
 from app.caching import BY_NAME, not_modified
 from app.errors import NotFoundError
 from app.query import QueryParameter, choice, parse_query, text, whole_number
@@ -48,9 +47,7 @@ _DRAWN = (
 async def start(request: Request) -> Response:
     offset = parse_query(request.scope["query_string"], (_OFFSET,))["offset"]
     library = state_of(request).library
-    listed = library.peek_page(offset, PER_PAGE)
-    if listed is None:
-        listed = await run_in_threadpool(library.page, offset, PER_PAGE)
+    listed = await page_of(library, offset, PER_PAGE)
     lines, total = listed.lines, listed.total
     base = str(request.base_url).rstrip("/")
     cards = [_card(line.facts, base) if line.usable else _damaged_card(line.facts) for line in lines]

@@ -233,13 +233,13 @@ def explained(error: ValidationError, where: str = "") -> bc.InputError:
     """The first complaint about a body as an error of ours."""
     first = error.errors(include_url=False, include_context=False)[0]
     place = where + ".".join(str(part)[:40] for part in first["loc"]) or "body"
-    got = first["input"]
+    got, said = first["input"], first["msg"].removeprefix("Value error, ")  # the prefix of our own validators' words
     return bc.InputError(
         "bad_field",
-        f"{place[:100]}: {first['msg']}",
+        f"{place[:100]}: {said}",
         where=place[:100],
         got=got if isinstance(got, (str, bool, int, float)) else type(got).__name__,
-        expected=first["msg"],
+        expected=said,
     )
 
 

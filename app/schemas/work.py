@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, WithJsonSchema
 
 import brdfcore as bc
 from app.schemas.base import Strict
@@ -20,17 +20,29 @@ _INTERPOLATIONS = dict.fromkeys(
 )
 
 
-def _ascending(given: list[float]) -> list[float]:
-    if not given[0] < given[1]:
-        raise ValueError("expected [from, to] with from < to")
+#: pi/2 in float32, which `tabulate` takes for the horizon.
+_HORIZON = float(np.float32(np.pi / 2))
+
+
+def _of_polar_angles(given: list[float]) -> list[float]:
+    """As `brdfcore.tabulate` refuses it, but before there is a job."""
+    if len(given) != 2 or not 0 <= given[0] < given[1] <= _HORIZON:
+        raise ValueError(f"got {str(given)[:60]}; expected [from, to] in radians, 0 <= from < to <= pi/2")
     return given
 
 
-#: The largest angle is pi/2 in float32, which `tabulate` takes for the horizon.
 Range = Annotated[
-    list[Annotated[float, Field(ge=0, le=float(np.float32(np.pi / 2)))]],
-    Field(min_length=2, max_length=2, examples=[[0, 1.2]]),
-    AfterValidator(_ascending),
+    list[float],
+    AfterValidator(_of_polar_angles),
+    WithJsonSchema(
+        {
+            "type": "array",
+            "items": {"type": "number", "minimum": 0, "maximum": _HORIZON},
+            "minItems": 2,
+            "maxItems": 2,
+            "examples": [[0, 1.2]],
+        }
+    ),
 ]
 
 

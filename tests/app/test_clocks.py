@@ -74,12 +74,18 @@ def at_the_wire(work: Callable[[Any, Wire], Awaitable[None]], quick: Any = None,
     asyncio.run(run())
 
 
+def answered(server: Any) -> None:
+    """The application has sent its answer to the first request that waits for one."""
+    server._unanswered[0].response_complete = True
+    server.on_response_complete()
+
+
 def test_a_slow_head_is_cut_off_when_it_is_its_turn() -> None:
     async def work(server: Any, wire: Wire) -> None:
         server.data_received(GET + GET[:20])
         await asyncio.sleep(0.3)
         assert not wire.closed  # an answer is owed
-        server.cycle.response_complete = True
+        answered(server)
         await asyncio.sleep(0.3)
         assert wire.closed
 
@@ -104,8 +110,7 @@ def test_a_head_that_began_while_another_was_answered_is_not_idle() -> None:
     async def work(server: Any, wire: Wire) -> None:
         server.head_seconds = 60
         server.data_received(GET + GET[:20])
-        server.cycle.response_complete = True
-        server.on_response_complete()
+        answered(server)
         await asyncio.sleep(0.3)
         assert not wire.closed
 
@@ -128,9 +133,7 @@ def test_nothing_is_read_while_requests_wait() -> None:
         assert len(server.pipeline) == 2
         for waiting in (1, 0):
             assert server.flow.read_paused
-            first = server.cycle
-            first.response_complete = True
-            server.on_response_complete()
+            answered(server)
             assert len(server.pipeline) == waiting
         assert not server.flow.read_paused
 
@@ -173,8 +176,7 @@ def test_what_is_left_when_a_connection_is_closed_is_not_waited_for_for_ever() -
 def test_the_rest_of_a_body_whose_answer_is_out_has_to_come() -> None:
     async def work(server: Any, wire: Wire) -> None:
         server.data_received(GET[:-2] + b"Content-Length: 100\r\n\r\n")
-        server.cycle.response_complete = True
-        server.on_response_complete()
+        answered(server)
         for _ in range(10):
             server.data_received(b"x")
             await asyncio.sleep(0.03)
@@ -186,8 +188,7 @@ def test_the_rest_of_a_body_whose_answer_is_out_has_to_come() -> None:
 def test_after_the_rest_of_a_body_the_connection_goes_on() -> None:
     async def work(server: Any, wire: Wire) -> None:
         server.data_received(GET[:-2] + b"Content-Length: 3\r\n\r\n")
-        server.cycle.response_complete = True
-        server.on_response_complete()
+        answered(server)
         await asyncio.sleep(0.03)
         server.data_received(b"xyz")
         await asyncio.sleep(0.3)
