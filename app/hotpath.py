@@ -1,5 +1,5 @@
-"""Look-ups answered in front of the framework, whose layers, matching and parsing would cost more than they do. A single
-value by GET seldom gets here: see `quick`.
+"""Look-ups answered in front of the framework, whose layers, matching and parsing would cost more than they do. A
+single value by GET seldom gets here: see `quick`.
 
 The same handlers are routes of the framework as well: they document themselves there, and are found there by anyone
 who calls the application in another way.
