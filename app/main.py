@@ -13,6 +13,21 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from brdf_service.http import openapi
+from brdf_service.http.errors import problem
+from brdf_service.http.metrics import Metrics
+from brdf_service.library.materials import Library
+from brdf_service.library.writing import Store
+from brdf_service.routes import health, jobs, materials, pages, pareto, tables, writing
+from brdf_service.server import process
+from brdf_service.server.hotpath import HotPath
+from brdf_service.server.middleware import Boundary
+from brdf_service.server.request_log import AccessLog
+from brdf_service.server.warmup import warm_up
+from brdf_service.settings import Settings
+from brdf_service.state import State
+from brdf_service.work.drawing import Artist
+from brdf_service.work.jobs import Jobs
 from fastapi import FastAPI
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -20,20 +35,6 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 import brdfcore as bc
-from app import openapi, process
-from app.access_log import AccessLog
-from app.artist import Artist
-from app.boundary import Boundary
-from app.errors import problem
-from app.hotpath import HotPath
-from app.jobs import Jobs
-from app.library import Library
-from app.metrics import Metrics
-from app.routers import health, jobs, materials, pages, pareto, tables, writing
-from app.settings import Settings
-from app.state import State
-from app.storing import Store
-from app.warmup import warm_up
 
 #: Name of the thread that compiles the kernels.
 WARM_UP = "warm-up"

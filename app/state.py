@@ -9,17 +9,16 @@ from dataclasses import dataclass, field
 from typing import cast
 
 from anyio import CapacityLimiter
+from brdf_service.http.metrics import Metrics
+from brdf_service.library.lru import ByteLru
+from brdf_service.library.materials import Library
+from brdf_service.library.writing import Store
+from brdf_service.server.request import Hosts
+from brdf_service.settings import Settings
+from brdf_service.work.drawing import Artist
+from brdf_service.work.expansions import Expansions
+from brdf_service.work.jobs import Jobs
 from starlette.requests import Request
-
-from app.account import Hosts
-from app.artist import Artist
-from app.expansions import Expansions
-from app.jobs import Jobs
-from app.library import Library
-from app.lru import ByteLru
-from app.metrics import Metrics
-from app.settings import Settings
-from app.storing import Store
 
 #: Bytes of pictures that are kept.
 PICTURE_BYTES = 16 * 2**20

@@ -13,7 +13,7 @@ import pytest
 from brdfcore.registry import FORMATS, MODELS, REPRESENTATIONS
 
 ROOT = Path(__file__).parents[1]
-HEAVY = ("numba", "scipy", "h5py", "matplotlib", "fastapi", "starlette", "pydantic", "typer", "rich", "app")
+HEAVY = ("numba", "scipy", "h5py", "matplotlib", "fastapi", "starlette", "pydantic", "typer", "rich", "brdf_service")
 SOURCES = sorted(p for folder in ("brdfcore", "app", "tests") for p in (ROOT / folder).rglob("*.py"))
 
 

@@ -5,14 +5,13 @@ The handlers do not run them: a validator that touches each of a million floats 
 
 from __future__ import annotations
 
+from brdf_service.schemas.analysis import AlbedoAnswer, ChecksAnswer, GlossAnswer, SliceAnswer
+from brdf_service.schemas.evaluate import EvaluateAnswer, EvaluateRequest, EvaluateVectors
+from brdf_service.schemas.harmonics import HarmonicsAnswer, RelightAnswer, RelightRequest
+from brdf_service.schemas.materials import MaterialLine, MaterialList
+from brdf_service.schemas.service import Live, Problem, Ready
+from brdf_service.schemas.work import JobAnswer, MaterialModel, ParetoRequest, TabulateOptions
 from pydantic import BaseModel
-
-from app.schemas.analysis import AlbedoAnswer, ChecksAnswer, GlossAnswer, SliceAnswer
-from app.schemas.evaluate import EvaluateAnswer, EvaluateRequest, EvaluateVectors
-from app.schemas.harmonics import HarmonicsAnswer, RelightAnswer, RelightRequest
-from app.schemas.materials import MaterialLine, MaterialList
-from app.schemas.service import Live, Problem, Ready
-from app.schemas.work import JobAnswer, MaterialModel, ParetoRequest, TabulateOptions
 
 SCHEMAS: tuple[type[BaseModel], ...] = (
     EvaluateRequest,

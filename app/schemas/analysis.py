@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+from brdf_service.schemas.base import Strict, Unit
 from pydantic import BaseModel, Field
-
-from app.schemas.base import Strict, Unit
 
 Verdict = Literal["pass", "note", "fail"]
 

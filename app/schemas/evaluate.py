@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+from brdf_service.schemas.base import Strict, Unit, Vector
 from pydantic import Field
-
-from app.schemas.base import Strict, Unit, Vector
 
 Angle = Annotated[float | list[float], Field(description="a number, or a list of them; lists broadcast as in numpy")]
 Vectors = Annotated[Vector | list[Vector], Field(description="a direction [x, y, z], or a list of them")]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+from brdf_service.schemas.base import Strict
 from pydantic import Field
-
-from app.schemas.base import Strict
 
 
 class Live(Strict):

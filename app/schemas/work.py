@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from brdf_service.schemas.base import Strict
 from pydantic import AfterValidator, Field, WithJsonSchema
 
 import brdfcore as bc
-from app.schemas.base import Strict
 
 #: What the representations offer, each once.
 _INTERPOLATIONS = dict.fromkeys(

@@ -236,11 +236,11 @@ def serve(
 ) -> None:
     # by name: the library does not import the service, and runs without it
     try:
-        service = import_module("app.main")
+        service = import_module("brdf_service.main")
     except ModuleNotFoundError as error:
         if isinstance(error, MissingExtraError):
             raise
-        raise missing_extra((error.name or "app").partition(".")[0], "service", "brdf serve") from error
+        raise missing_extra((error.name or "brdf_service").partition(".")[0], "service", "brdf serve") from error
     code = service.serve(
         host=host,
         port=port,

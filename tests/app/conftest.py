@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brdf_service.main import create_app
+from brdf_service.settings import Settings
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app.main import create_app
-from app.settings import Settings
 
 MODEL = {"model": "cook_torrance", "parameters": {"roughness": 0.2, "ior": "gold"}}
 
@@ -93,7 +93,7 @@ def expected_values(brdf: bc.Brdf, theta_i: Any, theta_o: Any, delta_phi: Any, *
 
 def assert_problem(answer: Any, status: int, code: str) -> dict[str, Any]:
     """The answer is a problem of this status and code, complete; its content."""
-    from app.schemas import Problem
+    from brdf_service.schemas import Problem
 
     assert answer.status_code == status, answer.text
     assert answer.headers["content-type"] == "application/problem+json"

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
+from brdf_service.schemas import ChecksAnswer, GlossAnswer
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app.schemas import ChecksAnswer, GlossAnswer
 from tests.app.conftest import Serve, assert_problem, local
 
 

@@ -8,15 +8,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import brdf_service.work.drawing
 import pytest
+from brdf_service.http.errors import BusyError
+from brdf_service.library.materials import Library
+from brdf_service.work.drawing import Artist
+from brdf_service.work.picture_queue import draw_with
+from brdf_service.work.pictures import Picture, draw
 
-import app.artist
 import brdfcore as bc
-from app.artist import Artist
-from app.drawing import draw_with
-from app.errors import BusyError
-from app.library import Library
-from app.pictures import Picture, draw
 
 ASKED: dict[str, Any] = {"theta_i": [0.5], "view": "polar", "scale": "linear", "channel": None, "format": "svg"}
 SLICE = Picture("slice", "gold", ASKED)
@@ -94,7 +94,7 @@ def test_one_that_takes_too_long_is_ended(artist: Artist, original: Path, monkey
     material = Library(original, 2**20).get("gold")
     artist.draw(material, SLICE)
     os.kill(running_in(artist), signal.SIGSTOP)  # as one that never ends
-    monkeypatch.setattr(app.artist, "PATIENCE", 0.2)
+    monkeypatch.setattr(brdf_service.work.drawing, "PATIENCE", 0.2)
     with pytest.raises(BusyError) as caught:
         artist.draw(material, SLICE)
     assert caught.value.code == "drawing_failed"

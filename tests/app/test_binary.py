@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brdf_service.evaluate.binary import npy_head
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app.binary import npy_head
 from tests.app.conftest import Serve, assert_problem, local
 
 OCTET, NPY, JSON = "application/octet-stream", "application/x-npy", "application/json"

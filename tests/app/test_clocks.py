@@ -10,8 +10,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
-
-from app.settings import Settings
+from brdf_service.settings import Settings
 
 pytest.importorskip("httptools")
 
@@ -49,10 +48,9 @@ GET = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 def at_the_wire(work: Callable[[Any, Wire], Awaitable[None]], quick: Any = None, keep_alive: Any = 60) -> None:
     """Run `work` with a protocol whose clocks end after .1 s, above an application that never answers."""
+    from brdf_service.server.protocol import protocol
     from uvicorn import Config
     from uvicorn.server import ServerState
-
-    from app.protocol import protocol
 
     async def never(scope: Any, receive: Any, send: Any) -> None:
         await asyncio.Event().wait()
@@ -214,7 +212,7 @@ def test_all_whose_client_is_gone_hear_of_it() -> None:
 @pytest.mark.parametrize("sent", [b"", GET[:9], GET, 3 * GET, 3 * GET + GET[:9]])
 def test_nothing_of_a_connection_stays(sent: bytes) -> None:
     """No collector of cycles is needed for it."""
-    from app.protocol import _Protocol
+    from brdf_service.server.protocol import _Protocol
 
     kept: list[weakref.ref[Any]] = []
 

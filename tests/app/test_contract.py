@@ -18,12 +18,12 @@ import pytest
 
 schemathesis = pytest.importorskip("schemathesis")
 
+from brdf_service.main import create_app  # noqa: E402
+from brdf_service.settings import Settings  # noqa: E402
 from hypothesis import HealthCheck, Phase, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 from schemathesis.config import SchemathesisConfig  # noqa: E402
 
-from app.main import create_app  # noqa: E402
-from app.settings import Settings  # noqa: E402
 from tests.app.running import Running, running  # noqa: E402
 
 CASES = int(os.environ.get("BRDF_SCHEMATHESIS_CASES", "300"))

@@ -75,15 +75,20 @@ def test_installed_from_what_is_copied(tmp_path: Path) -> None:
                 place.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy(path, place)
     environment = {**os.environ, "PYTHONPATH": str(tmp_path / "installed")}
-    program = "import app.main as m; c = m.create_app(warm=False); c.openapi(); print(m.__file__)"
+    program = "import brdf_service.main as m; c = m.create_app(warm=False); c.openapi(); print(m.__file__)"
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
     )
     assert done.stdout.strip().startswith(str(tmp_path / "installed"))
     for page in (ROOT / "app" / "web").iterdir():
-        assert (tmp_path / "installed" / "app" / "web" / page.name).exists()
+        assert (tmp_path / "installed" / "brdf_service" / "web" / page.name).exists()
     worker = subprocess.run(
-        [sys.executable, "-m", "app.worker"], cwd=tmp_path, env=environment, input=b"", capture_output=True, check=False
+        [sys.executable, "-m", "brdf_service.work.job_process"],
+        cwd=tmp_path,
+        env=environment,
+        input=b"",
+        capture_output=True,
+        check=False,
     )
     assert b"JSONDecodeError" in worker.stderr  # it is there, and was given no task
 

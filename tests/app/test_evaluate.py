@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brdf_service.schemas import EvaluateAnswer
 from starlette.testclient import TestClient
 
-from app.schemas import EvaluateAnswer
 from tests.app.conftest import Serve, assert_problem, expected_values, local
 
 NAMES = ("gold-grid", "red", "gold", "mirror")

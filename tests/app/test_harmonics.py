@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brdf_service.schemas import HarmonicsAnswer, RelightAnswer
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app.schemas import HarmonicsAnswer, RelightAnswer
 from tests.app.conftest import Serve, assert_problem, local
 from tests.app.test_slices import assert_harmless
 

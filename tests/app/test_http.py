@@ -7,15 +7,15 @@ from typing import Any
 from urllib.parse import quote
 
 import pytest
+from brdf_service.main import create_app
+from brdf_service.routes.evaluate import HANDLERS
+from brdf_service.schemas import Problem
+from brdf_service.settings import Settings
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app.main import create_app
-from app.routers.evaluate import HANDLERS
-from app.schemas import Problem
-from app.settings import Settings
 from tests.app.conftest import Serve, assert_problem
 
 VALUE = "evaluate?theta_i=30&theta_o=30&delta_phi=180"
@@ -60,7 +60,7 @@ def test_etags_differ_with_the_question(shared_client: TestClient) -> None:
 
 def test_etag_comes_before_the_work(shared_client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     etag = shared_client.get(f"/v1/materials/gold/{VALUE}").headers["etag"]
-    monkeypatch.setattr("app.routers.evaluate.answer", None)
+    monkeypatch.setattr("brdf_service.routes.evaluate.answer", None)
     held = {"if-none-match": etag}
     assert shared_client.get(f"/v1/materials/gold/{VALUE}", headers=held).status_code == 304
 

@@ -7,13 +7,13 @@ import os
 from pathlib import Path
 
 import pytest
+from brdf_service.http.errors import MaterialDamagedError, NotFoundError
+from brdf_service.library.lru import ByteLru
+from brdf_service.library.materials import Library
+from brdf_service.schemas import MaterialLine, MaterialList
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app.errors import MaterialDamagedError, NotFoundError
-from app.library import Library
-from app.lru import ByteLru
-from app.schemas import MaterialLine, MaterialList
 from tests.app.conftest import Serve, assert_problem, expected_values, local
 
 VALUE = "evaluate?theta_i=30&theta_o=30&delta_phi=180"
@@ -220,7 +220,7 @@ def test_a_list_in_passing(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert library.peek_page(0, 100) is not None
     (data / "new.json").unlink()
     assert library.peek_page(0, 100) == page
-    monkeypatch.setattr("app.library._FEW", page.total - 1)
+    monkeypatch.setattr("brdf_service.library.materials._FEW", page.total - 1)
     assert library.peek_page(0, 100) is None
 
 

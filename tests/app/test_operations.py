@@ -129,8 +129,8 @@ def test_sigterm_ends_events_and_jobs_within_the_time_to_drain(data: Path) -> No
 
 def test_albedo(shared_client: TestClient, serve: Serve, original: Path) -> None:
     import numpy as np
+    from brdf_service.schemas import AlbedoAnswer
 
-    from app.schemas import AlbedoAnswer
     from tests.app.conftest import assert_problem, local
 
     answer = shared_client.get("/v1/materials/red/albedo?theta_i=0,30,60")

@@ -12,11 +12,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from brdf_service.main import serve
+from brdf_service.server.process import ListenError, address_of, bind
+from brdf_service.settings import Settings, setting_lines
 
 import brdfcore as bc
-from app.main import serve
-from app.process import ListenError, address_of, bind
-from app.settings import Settings, setting_lines
 from tests.app.conftest import expected_values, local
 from tests.app.running import Running
 from tests.app.running import running as running_service
@@ -154,8 +154,8 @@ def test_empty_folder_is_filled(tmp_path: Path) -> None:
 
 def test_an_interrupted_start_is_finished_by_the_next(tmp_path: Path) -> None:
     """The starter library is built again where a start was killed, and not where its owner removed a part."""
-    from app.main import _fill
-    from app.settings import Settings
+    from brdf_service.main import _fill
+    from brdf_service.settings import Settings
 
     settings = Settings.load(data=tmp_path)
     (tmp_path / ".gitkeep").touch()

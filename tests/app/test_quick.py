@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brdf_service.main import create_app
+from brdf_service.server.outbox import Outbox
+from brdf_service.server.quick import Quick
+from brdf_service.server.request_log import AccessLog
+from brdf_service.settings import Settings
 from hypothesis import given
 from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app.access_log import AccessLog
-from app.main import create_app
-from app.outbox import Outbox
-from app.quick import Quick
-from app.settings import Settings
 from tests.app.conftest import Serve, assert_problem, local
 
 NAMES = ["gold-grid", "red", "gold", "mirror"]

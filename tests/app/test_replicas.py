@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 import yaml
+from brdf_service.settings import Settings, variable_of
 
-from app.settings import Settings, variable_of
 from tests.app.running import Running, running
 from tests.app.test_dockerfile import of
 

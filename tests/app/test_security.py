@@ -13,9 +13,9 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from brdf_service.settings import Settings
 from starlette.testclient import TestClient
 
-from app.settings import Settings
 from brdfcore.formats.tensor_file import encode
 from tests.app.conftest import Serve, assert_problem
 from tests.app.running import Running, running

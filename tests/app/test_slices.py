@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from brdf_service.schemas import SliceAnswer
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app.schemas import SliceAnswer
 from tests.app.conftest import Serve, assert_problem, local
 
 TYPES = {"svg": "image/svg+xml", "png": "image/png", "json": "application/json", "csv": "text/csv; charset=utf-8"}

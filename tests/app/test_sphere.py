@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from brdf_service.http.errors import BusyError
+from brdf_service.library.lru import ByteLru
+from brdf_service.state import State
+from brdf_service.work.picture_queue import WAITING, picture
 from PIL import Image
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app.drawing import WAITING, picture
-from app.errors import BusyError
-from app.lru import ByteLru
-from app.state import State
 from tests.app.conftest import assert_problem, local
 
 

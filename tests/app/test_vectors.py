@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brdf_service.evaluate import json_codec
+from brdf_service.schemas import EvaluateAnswer
 from hypothesis import given
 from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
-from app import json_codec
-from app.schemas import EvaluateAnswer
 from tests.app.conftest import Serve, assert_problem, local
 
 NAMES = ["gold-grid", "red", "gold", "mirror"]

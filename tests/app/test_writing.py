@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brdf_service.schemas import JobAnswer, MaterialLine
+from brdf_service.work.jobs import QUEUED
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from app.jobs import QUEUED
-from app.schemas import JobAnswer, MaterialLine
 from brdfcore.formats.tensor_file import encode
 from tests.app.conftest import Serve, assert_problem, local
 from tests.core.rgl_synthetic import fields_of
@@ -294,7 +294,7 @@ def test_jobs_wait_are_refused_and_cancelled(serve: Serve, data: Path, monkeypat
         assert client.delete(answer.headers["location"]).json()["state"] == "cancelled"
     assert client.put("/v1/materials/white", json={**WHITE, "tabulate": {"shape": [3, 3, 3]}}).status_code == 202
     assert_problem(client.get("/v1/materials/slow"), 404, "unknown_material")
-    monkeypatch.setattr("app.jobs.KEPT_SECONDS", 0.0)
+    monkeypatch.setattr("brdf_service.work.jobs.KEPT_SECONDS", 0.0)
     time.sleep(0.01)
     assert_problem(client.get(first.headers["location"]), 404, "job_lost")
     assert jobs.counts()["cancelled"] == 0

@@ -39,8 +39,7 @@ BYTES_OUT = MANY * 8
 
 def _serve(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[str, int], pipe: Any) -> None:
     import uvicorn
-
-    from app.process import server_options
+    from brdf_service.server.process import server_options
 
     # its protocol spelt out, or asyncio leaves Nagle's delay on: 40 ms an answer
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -57,9 +56,9 @@ def _serve(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[
 
 def our_app(folder: str, sizes: dict[str, int]) -> Any:
     """The service, its log line for each request included (written to nowhere)."""
-    from app.access_log import AccessLog
-    from app.main import create_app
-    from app.settings import Settings
+    from brdf_service.main import create_app
+    from brdf_service.server.request_log import AccessLog
+    from brdf_service.settings import Settings
 
     app = create_app(Settings(data=Path(folder)))
     app.state.brdf.access_log = AccessLog(open(os.devnull, "w", buffering=1).write)  # noqa: SIM115

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from brdf_service.main import create_app
+from brdf_service.settings import Settings
 
 import brdfcore as bc
-from app.main import create_app
-from app.settings import Settings
 from brdfcore.client import Client
 from brdfcore.formats.tensor_file import encode
 from tests.core.rgl_synthetic import fields_of

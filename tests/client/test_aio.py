@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brdf_service.main import create_app
+from brdf_service.settings import Settings
 
 import brdfcore as bc
-from app.main import create_app
-from app.settings import Settings
 from brdfcore import testing
 from brdfcore.client import AsyncClient, Client, DeadlineError, ServiceError
 from brdfcore.errors import InputError, UnknownNameError

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from brdf_service.main import create_app
+from brdf_service.settings import Settings
 
 import brdfcore as bc
-from app.main import create_app
-from app.settings import Settings
 from brdfcore.client import AsyncClient, Client, ServiceError
 from tests.client.scripted import FACTS, Said, in_turn, say_json
 

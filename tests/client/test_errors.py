@@ -114,7 +114,7 @@ def test_a_status_is_a_class() -> None:
 
 def test_every_exception_of_the_service_comes_back_as_its_own_base() -> None:
     """The service's table and this one agree on the library's classes."""
-    from app.errors import STATUS, problem
+    from brdf_service.http.errors import STATUS, problem
 
     bases = (InputError, UnknownNameError, LimitError, StorageError, MissingExtraError)
     for kind, status in STATUS.items():

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brdf_service.main import create_app
+from brdf_service.settings import Settings
 
 import brdfcore as bc
-from app.main import create_app
-from app.settings import Settings
 from brdfcore.client import AccessError, AsyncClient, Client, DeadlineError, JobError
 from brdfcore.errors import FileFormatError, InputError, LimitError, StorageError, UnknownNameError
 from brdfcore.formats.tensor_file import encode

@@ -229,7 +229,7 @@ def test_serve_hands_over_its_settings(run: Run, monkeypatch: pytest.MonkeyPatch
 
 
 def test_serve_without_its_extra(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [n for n in sys.modules if n == "app" or n.startswith("app.")]:
+    for name in [n for n in sys.modules if n.partition(".")[0] == "brdf_service"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "fastapi", None)
     code, _, err = run("serve")

@@ -138,7 +138,7 @@ def test_what_is_built_is_what_was_planned(planned: Plan, tmp_path: Path) -> Non
 
 
 def test_the_service_takes_the_folder(planned: Plan, tmp_path: Path) -> None:
-    from app.library import Library
+    from brdf_service.library.materials import Library
 
     build(planned, tmp_path)
     library = Library(tmp_path, 10**9)

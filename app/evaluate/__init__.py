@@ -1,0 +1,1 @@
+"""Directions of a request as arrays, and values as an answer."""

@@ -1,0 +1,1 @@
+"""What HTTP asks of every answer: errors, security, caching, negotiation, bodies, metrics, OpenAPI, pages."""

@@ -1,0 +1,1 @@
+"""One file a subject: what each path takes and answers."""

@@ -1,0 +1,70 @@
+"""Is the process there, may it be sent work, and what has it done?"""
+
+from __future__ import annotations
+
+from brdf_service.http.errors import NotReadyError
+from brdf_service.http.openapi import answers, ref
+from brdf_service.http.query import parse_query
+from brdf_service.schemas import Live, Ready
+from brdf_service.state import state_of
+from fastapi import APIRouter
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+
+import brdfcore as bc
+
+router = APIRouter(prefix="/health", tags=["health"])
+
+
+@router.get(
+    "/live",
+    summary="the process answers",
+    operation_id="live",
+    responses=answers({"application/json": {"schema": ref(Live)}}, "alive", (), cached=False),
+)
+async def live(request: Request) -> Response:
+    parse_query(request.scope["query_string"], ())
+    return JSONResponse({"status": "live", "version": bc.__version__})
+
+
+@router.get(
+    "/ready",
+    summary="the kernels are compiled",
+    description="503 until no request has to wait for a compiler: send traffic after it.",
+    operation_id="ready",
+    responses=answers({"application/json": {"schema": ref(Ready)}}, "ready", (503,), cached=False),
+)
+async def ready(request: Request) -> Response:
+    parse_query(request.scope["query_string"], ())
+    if not state_of(request).ready:
+        raise NotReadyError(
+            "warming_up", "the kernels are being compiled; it answers already, but slowly", retry_after=1
+        )
+    return JSONResponse({"status": "ready", "version": bc.__version__})
+
+
+metrics_router = APIRouter(tags=["health"])
+
+
+@metrics_router.get(
+    "/metrics",
+    summary="counters for Prometheus",
+    operation_id="metrics",
+    responses=answers({"text/plain": {"schema": {"type": "string"}}}, "text format 0.0.4", (), cached=False),
+)
+async def metrics(request: Request) -> Response:
+    parse_query(request.scope["query_string"], ())
+    state = state_of(request)
+    library, jobs = state.library, state.jobs.counts()
+    gauges = {
+        "brdf_table_bytes": ("bytes of the tables in memory", library.loaded_bytes),
+        "brdf_tables_loaded": ("materials in memory", library.loaded),
+        "brdf_jobs_running": ("jobs that run", jobs["running"]),
+        "brdf_jobs_waiting": ("jobs that wait", jobs["queued"] + jobs["receiving"]),
+        "brdf_ready": ("1 once the kernels are compiled", int(state.ready)),
+    }
+    counters = {
+        "brdf_cache_hits_total": ("requests whose material was in memory", library.hits),
+        "brdf_cache_misses_total": ("requests whose material was read from its file", library.misses),
+    }
+    return Response(state.metrics.text(gauges, counters), 200, media_type="text/plain; version=0.0.4; charset=utf-8")

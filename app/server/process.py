@@ -1,0 +1,163 @@
+"""The server process: its socket, its one line on the terminal, its logs, and how it ends."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import logging
+import signal
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Any
+
+import uvicorn
+from brdf_service.server.quick import Quick
+from brdf_service.settings import Settings
+from brdf_service.state import State
+from starlette.types import ASGIApp
+
+import brdfcore as bc
+
+#: Number of the parameter in glibc's malloc.h.
+_M_ARENA_MAX = -8
+
+log = logging.getLogger("brdf")
+
+
+class ListenError(bc.StorageError):
+    """The address cannot be listened on; the message says which and what to do."""
+
+
+def bind(settings: Settings) -> socket.socket:
+    """A bound socket, not listening yet: a port in use is noticed before any work is done.
+
+    Raises `ListenError`.
+    """
+    place = f"{settings.host}:{settings.port}"
+    try:
+        found = socket.getaddrinfo(settings.host.strip("[]"), settings.port, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as error:
+        raise _refused(place, "no such host; --host takes an address of this machine") from error
+    # localhost may mean ::1 first; what is printed must work in every client, so IPv4 goes before
+    family, _, _, _, address = min(found, key=lambda f: f[0] != socket.AF_INET)
+    # with its protocol spelt out: asyncio turns Nagle's delay (40 ms an answer) off only where it reads TCP there
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        if sys.platform != "win32":  # there it would let two processes share a port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+    except OSError as error:
+        listener.close()
+        raise _explain(error, place) from error
+    return listener
+
+
+def _explain(error: OSError, place: str) -> ListenError:
+    hints = {
+        errno.EADDRINUSE: "the port is in use; stop the other program, or choose another with --port (0: any free one)",
+        errno.EACCES: "not allowed; ports below 1024 belong to the administrator, choose another with --port",
+        errno.EADDRNOTAVAIL: "no address of this machine; choose another with --host",
+    }
+    return _refused(place, hints.get(error.errno or 0, error.strerror or str(error)))
+
+
+def _refused(place: str, why: str) -> ListenError:
+    return ListenError("cannot_listen", f"cannot listen on {place}: {why}", where=place)
+
+
+def address_of(listener: socket.socket) -> str:
+    """URL of a bound socket, with the port that port 0 became."""
+    host, port = listener.getsockname()[:2]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def start_logging(level: str) -> None:
+    """Logs go to stderr, one line each; stdout keeps the one line that says where the service listens."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    for name in ("brdf", "uvicorn"):
+        logger = logging.getLogger(name)
+        logger.handlers = [handler]
+        logger.propagate = False
+        logger.setLevel(level.upper())
+    # what the server says of its own start and end is said better by our line
+    logging.getLogger("uvicorn.error").setLevel("DEBUG" if level == "debug" else "WARNING")
+
+
+class _Server(uvicorn.Server):
+    """Says where it listens once it does, and returns after SIGTERM instead of dying of it."""
+
+    listening: str = ""
+    before_drain: Callable[[], None] = staticmethod(lambda: None)
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        self.before_drain()
+        super().handle_exit(sig, frame)
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started:
+            print(self.listening, flush=True)
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        # as the base class, which afterwards raises the signal again: a drained service has ended well
+        before = {s: signal.signal(s, self.handle_exit) for s in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def server_options(state: State) -> dict[str, Any]:
+    """Options of the server that change how it speaks: our protocol, where its parser is installed."""
+    try:
+        from brdf_service.server.protocol import protocol
+    except ModuleNotFoundError as error:
+        if error.name != "httptools":
+            raise
+        return {}
+    return {"http": protocol(state.settings, Quick(state))}
+
+
+def bound_arenas() -> None:
+    """Tell glibc to keep two heaps instead of eight a core: what one thread frees in its own heap no other can use, and
+    the process grows by tens of megabytes that nothing holds."""
+    with contextlib.suppress(OSError, AttributeError):  # another C library
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
+
+
+def run(app: ASGIApp, state: State, listener: socket.socket) -> None:
+    """Serve until SIGINT or SIGTERM; running requests get `drain_seconds` to finish. Raises `ListenError`."""
+    settings = state.settings
+    place = f"{settings.host}:{settings.port}"
+    config = uvicorn.Config(
+        app,
+        **server_options(state),
+        log_config=None,
+        log_level=None,
+        access_log=False,  # the boundary writes a line for each request
+        server_header=False,
+        workers=1,
+        lifespan="on",
+        timeout_graceful_shutdown=settings.drain_seconds,
+    )
+    bound_arenas()
+    # a thread that computes gives way to the event loop after a millisecond, not after five
+    sys.setswitchinterval(0.001)
+    server = _Server(config)
+    server.before_drain = state.drain
+    if settings.loopback:
+        shown = " (only this machine can reach it)"
+    else:
+        how = "writing takes the key" if settings.writable else "read-only"
+        shown = f" (reachable from other machines, {how})"
+    server.listening = f"listening on {address_of(listener)}{shown}; data: {settings.data}; stop with Ctrl-C"
+    try:
+        server.run(sockets=[listener])
+    except OSError as error:  # another process began to listen between our bind and our listen
+        raise _explain(error, place) from error
