@@ -7,10 +7,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from brdfcore.atomic import replacing
-from brdfcore.build import tabulate
-from brdfcore.catalogue import model
-from brdfcore.tables.base import Progress
+from brdfcore.base.atomic import replacing
+from brdfcore.base.catalogue import model
+from brdfcore.build.tabulate import tabulate
+from brdfcore.tables.base.table import Progress
 
 #: name -> (model, parameters, shape of the table or None to keep the model itself, what it shows)
 MATERIALS: dict[str, tuple[str, dict[str, Any], tuple[int, int, int] | None, str]] = {

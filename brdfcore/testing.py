@@ -18,16 +18,16 @@ from typing import Any
 
 import numpy as np
 
-from brdfcore import catalogue
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.conventions import FloatArray
-from brdfcore.directions import mixture
-from brdfcore.errors import BrdfError, FileFormatError, InputError
-from brdfcore.geometry import Float64Array, vectors_from_angles
-from brdfcore.io import read
+from brdfcore.base import catalogue
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.conventions import FloatArray
+from brdfcore.base.directions import mixture
+from brdfcore.base.errors import BrdfError, FileFormatError, InputError
+from brdfcore.base.geometry import Float64Array, vectors_from_angles
+from brdfcore.base.status import Status
+from brdfcore.formats.io.files import read
 from brdfcore.metrics import ALBEDO_SLACK, FLAG_DEFECT, bilateral_defect, reciprocity_defect
-from brdfcore.status import Status
-from brdfcore.tables.base import Table
+from brdfcore.tables.base.table import Table
 from brdfcore.tables.store import open_table
 
 HALF_PI = np.pi / 2

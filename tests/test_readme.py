@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from brdfcore.formats.tensor_file import encode
-from tests.core.rgl_synthetic import fields_of
+from brdfcore.formats.rgl.tensor_file import encode
+from tests.support.rgl_synthetic import fields_of
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from brdfcore.registry import FORMATS, MODELS, REPRESENTATIONS
+from brdfcore.base.registry import FORMATS, MODELS, REPRESENTATIONS
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("numba", "scipy", "h5py", "matplotlib", "fastapi", "starlette", "pydantic", "typer", "rich", "brdf_service")

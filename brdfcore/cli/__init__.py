@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Sequence
 from typing import Any, TextIO
 
-from brdfcore.errors import BrdfError, FileFormatError, MissingExtraError, StorageError, missing_extra
+from brdfcore.base.errors import BrdfError, FileFormatError, MissingExtraError, StorageError, missing_extra
 
 USAGE, FAILED, INTERRUPTED, PIPE_CLOSED = 2, 1, 130, 141
 

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf
-from brdfcore.catalogue import model
-from brdfcore.conventions import ANGLE_NAMES, FloatArray, to_radians
-from brdfcore.errors import FileFormatError, InputError, StorageError
-from brdfcore.parameters import Parameter
-from brdfcore.registry import MODELS
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.catalogue import model
+from brdfcore.base.conventions import ANGLE_NAMES, FloatArray, to_radians
+from brdfcore.base.errors import FileFormatError, InputError, StorageError
+from brdfcore.base.parameters import Parameter
+from brdfcore.base.registry import MODELS
 
 GRAMMAR = """A SOURCE is a file (a measured file or a table, told apart by its content) or a model with parameters:
 
@@ -42,7 +42,7 @@ def load(source: str, format: str | None = None) -> Brdf:
         return model(name, **_parameters(source, rest))
     path, options = file_of(source)
     if path.exists():
-        from brdfcore import io
+        from brdfcore.formats.io import files as io
 
         if path.is_dir():
             raise StorageError("cannot_open", f"{source}: is a folder, not a file", where=source)

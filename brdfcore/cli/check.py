@@ -20,7 +20,7 @@ def check(
     seed: Annotated[int, typer.Option(help="Of the random directions.")] = 20_261_122,
     json: Annotated[bool, typer.Option("--json", help="JSON on stdout; an error is JSON on stderr.")] = False,
 ) -> None:
-    from brdfcore.analysis.checks import check as run
+    from brdfcore.analysis.check.checks import check as run
 
     report = run(arguments.load(source), directions=directions, seed=seed)
     if json:

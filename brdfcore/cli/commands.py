@@ -12,14 +12,14 @@ import numpy.typing as npt
 import typer
 
 import brdfcore
-from brdfcore.atomic import replacing
-from brdfcore.brdf import Brdf
+from brdfcore.base.atomic import replacing
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.conventions import ANGLE_NAMES, broadcast_shape
+from brdfcore.base.errors import InputError
+from brdfcore.base.registry import FORMATS, MODELS, REPRESENTATIONS, Registry
+from brdfcore.base.status import Status
 from brdfcore.cli import arguments, check, gloss, harmonics, make, repair, reports
 from brdfcore.cli.output import as_json, error_lines, facts, line, parameter_lines
-from brdfcore.conventions import ANGLE_NAMES, broadcast_shape
-from brdfcore.errors import InputError
-from brdfcore.registry import FORMATS, MODELS, REPRESENTATIONS, Registry
-from brdfcore.status import Status
 
 
 class Angles(StrEnum):

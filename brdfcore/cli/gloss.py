@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from brdfcore.base.errors import InputError
 from brdfcore.cli import arguments
 from brdfcore.cli.output import as_json, line
-from brdfcore.errors import InputError
 
 if TYPE_CHECKING:
-    from brdfcore.analysis.gloss import Geometry, Gloss
+    from brdfcore.analysis.gloss.gloss import Geometry, Gloss
 
 #: Channels printed; JSON has all of them.
 _MOST_COLUMNS = 6
@@ -31,7 +31,7 @@ def gloss(
 ) -> None:
     from dataclasses import replace
 
-    from brdfcore.analysis import gloss as module
+    from brdfcore.analysis.gloss import gloss as module
 
     geometries = list(module.GLOSS) if not geometry else [_geometry(text) for text in geometry]
     haze: Geometry | None = module.HAZE
@@ -51,7 +51,7 @@ def gloss(
 
 def _geometry(text: str) -> Geometry:
     """THETA:ALONG,ACROSS:ALONG,ACROSS, degrees."""
-    from brdfcore.analysis.gloss import Geometry
+    from brdfcore.analysis.gloss.gloss import Geometry
 
     parts = text.split(":")
     if len(parts) != 3:

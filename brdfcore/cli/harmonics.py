@@ -9,12 +9,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from brdfcore.atomic import replacing
-from brdfcore.brdf import Brdf
+from brdfcore.base.atomic import replacing
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError
 from brdfcore.cli import arguments
 from brdfcore.cli.make import Force, Json, may_write
 from brdfcore.cli.output import as_json, bytes_text, facts, line, progress_bar, warn
-from brdfcore.errors import InputError
 
 #: Degrees whose errors are printed, beside the last.
 _SHOWN = (0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
@@ -54,7 +54,7 @@ def harmonics(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    from brdfcore.expand import project
+    from brdfcore.build.project import project
     from brdfcore.harmonics.summary import harmonic_summary
 
     kind = None if out is None else out.suffix.lower().removeprefix(".")

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from brdfcore.base.errors import MissingExtraError, StorageError, missing_extra
 from brdfcore.cli import arguments
 from brdfcore.cli.output import (
     as_json,
@@ -21,7 +22,6 @@ from brdfcore.cli.output import (
     progress_bar,
     warn,
 )
-from brdfcore.errors import MissingExtraError, StorageError, missing_extra
 
 Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; an error is JSON on stderr.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")]
@@ -63,8 +63,8 @@ def tabulate(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    from brdfcore.build import ToleranceWarning
-    from brdfcore.build import tabulate as build
+    from brdfcore.build.tabulate import ToleranceWarning
+    from brdfcore.build.tabulate import tabulate as build
 
     may_write(out, force)
     nodes = None if shape is None else arguments.whole_numbers("--shape", shape)
@@ -76,7 +76,7 @@ def tabulate(
     folds = None if fold is None else [part.strip() for part in fold.split(",")]
     b = arguments.load(source)
     if rgb is not None:
-        from brdfcore.colour import to_rgb
+        from brdfcore.base.colour import to_rgb
 
         b = to_rgb(b, rgb)
     start = time.perf_counter()
@@ -141,7 +141,8 @@ def convert(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    from brdfcore import conversion, io
+    from brdfcore.formats.io import conversion
+    from brdfcore.formats.io import files as io
 
     may_write(target, force)
     b = arguments.load(source, read_as)

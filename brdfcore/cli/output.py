@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from brdfcore.parameters import Parameter
+from brdfcore.base.parameters import Parameter
 
 
 def line(text: str = "", style: str | None = None) -> None:

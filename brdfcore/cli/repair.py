@@ -31,8 +31,8 @@ def repair(
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
     json: Annotated[bool, typer.Option("--json", help="JSON on stdout; an error is JSON on stderr.")] = False,
 ) -> None:
-    from brdfcore.analysis.repair import repair as run
-    from brdfcore.build import ToleranceWarning, tabulate
+    from brdfcore.analysis.check.repair import repair as run
+    from brdfcore.build.tabulate import ToleranceWarning, tabulate
 
     may_write(out, force)
     limit = None if max_bytes is None else arguments.byte_count("--max-bytes", max_bytes)

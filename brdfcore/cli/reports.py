@@ -79,9 +79,9 @@ def plan(
     ] = None,
     json: Json = False,
 ) -> None:
-    from brdfcore.analysis.plan import MERL_BYTES
-    from brdfcore.analysis.plan import plan as make
-    from brdfcore.analysis.plan_build import build as write
+    from brdfcore.analysis.plan.build import build as write
+    from brdfcore.analysis.plan.plan import MERL_BYTES
+    from brdfcore.analysis.plan.plan import plan as make
     from brdfcore.reporting import words
 
     with progress_bar() as progress, warnings.catch_warnings():

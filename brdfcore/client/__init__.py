@@ -12,7 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from brdfcore.errors import missing_extra
+from brdfcore.base.errors import missing_extra
 
 _PUBLIC = {
     "Client": "sync",

@@ -10,6 +10,7 @@ from typing import Any, Self, TypeVar
 
 import httpx2
 
+from brdfcore.base.errors import BrdfError
 from brdfcore.client import exchanges, in_process, writing
 from brdfcore.client.async_material import AsyncMaterial
 from brdfcore.client.calls import Answer, Call, Pause
@@ -19,7 +20,6 @@ from brdfcore.client.exchanges import Exchange
 from brdfcore.client.jobs import AsyncJob, AsyncReportJob
 from brdfcore.client.progress import Progress
 from brdfcore.client.retry import Attempts
-from brdfcore.errors import BrdfError
 
 T = TypeVar("T")
 

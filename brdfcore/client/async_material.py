@@ -8,15 +8,15 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore import conventions
+from brdfcore.base import conventions
+from brdfcore.base.conventions import FloatArray, Outside
+from brdfcore.base.errors import BrdfError
+from brdfcore.base.status import Status
 from brdfcore.client import exchanges
 from brdfcore.client.connection import Connection
 from brdfcore.client.described import Described
 from brdfcore.client.exchanges import Exchange
 from brdfcore.client.material import Channel, Scale, View
-from brdfcore.conventions import FloatArray, Outside
-from brdfcore.errors import BrdfError
-from brdfcore.status import Status
 
 AsyncRun = Callable[[Exchange[Any]], Awaitable[Any]]
 

@@ -15,9 +15,9 @@ from urllib.parse import quote, urlencode
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.base.conventions import FloatArray
+from brdfcore.base.errors import InputError
 from brdfcore.client.errors import ServiceError
-from brdfcore.conventions import FloatArray
-from brdfcore.errors import InputError
 
 BINARY = "application/octet-stream"
 JSON = "application/json"

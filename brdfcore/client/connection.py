@@ -9,9 +9,9 @@ from typing import Any
 
 import httpx2
 
+from brdfcore.base.errors import InputError
 from brdfcore.client.progress import Progress
 from brdfcore.client.retry import RetryPolicy
-from brdfcore.errors import InputError
 
 KEY_VARIABLE = "BRDF_API_KEY"
 #: Points sent at a time: 6 MB of float64, few enough for a bar to move, enough for the round trip not to count.

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore import conventions
-from brdfcore.brdf import Channels
+from brdfcore.base import conventions
+from brdfcore.base.brdf import Channels
+from brdfcore.base.conventions import FloatArray
 from brdfcore.client.connection import Connection
-from brdfcore.conventions import FloatArray
 
 
 class Described:

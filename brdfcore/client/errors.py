@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from brdfcore.errors import (
+from brdfcore.base.errors import (
     BrdfError,
     FileFormatError,
     InputError,

@@ -11,13 +11,13 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.base.conventions import FloatArray, as_float, flatten_vectors
+from brdfcore.base.errors import BrdfError, InputError, LimitError
 from brdfcore.client import calls
 from brdfcore.client.calls import Answer, Call, Pause
 from brdfcore.client.connection import Connection
 from brdfcore.client.errors import with_index
 from brdfcore.client.progress import reporting
-from brdfcore.conventions import FloatArray, as_float, flatten_vectors
-from brdfcore.errors import BrdfError, InputError, LimitError
 
 T = TypeVar("T")
 Exchange = Generator[Call | Pause, Any, T]

@@ -8,14 +8,14 @@ from typing import Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore import conventions
-from brdfcore.brdf import Brdf
+from brdfcore.base import conventions
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.conventions import FloatArray, Outside
+from brdfcore.base.errors import BrdfError
 from brdfcore.client import exchanges
 from brdfcore.client.connection import Connection
 from brdfcore.client.described import Described
 from brdfcore.client.exchanges import Exchange
-from brdfcore.conventions import FloatArray, Outside
-from brdfcore.errors import BrdfError
 
 View = Literal["polar", "hemisphere"]
 Scale = Literal["linear", "log"]

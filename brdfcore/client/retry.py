@@ -12,9 +12,9 @@ from time import monotonic
 
 import httpx2
 
+from brdfcore.base.errors import InputError
 from brdfcore.client.calls import Answer, Call
 from brdfcore.client.errors import DeadlineError, ServiceError, problem_of
-from brdfcore.errors import InputError
 
 #: Answers after which the same request may go better in a moment.
 _BUSY = (502, 503, 504)

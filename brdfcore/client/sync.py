@@ -10,6 +10,7 @@ from typing import Any, Self, TypeVar
 
 import httpx2
 
+from brdfcore.base.errors import BrdfError
 from brdfcore.client import exchanges, in_process, writing
 from brdfcore.client.calls import Answer, Call, Pause
 from brdfcore.client.connection import CHUNK_POINTS, Connection
@@ -19,7 +20,6 @@ from brdfcore.client.jobs import Job, ReportJob
 from brdfcore.client.material import RemoteBrdf
 from brdfcore.client.progress import Progress
 from brdfcore.client.retry import Attempts
-from brdfcore.errors import BrdfError
 
 T = TypeVar("T")
 

@@ -8,13 +8,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from brdfcore.base.errors import BrdfError, StorageError, UnknownNameError
 from brdfcore.client import calls, exchanges
 from brdfcore.client.calls import Answer, Call, Pause
 from brdfcore.client.connection import Connection
 from brdfcore.client.errors import DeadlineError, JobError, error_of
 from brdfcore.client.exchanges import Exchange, checked_name
 from brdfcore.client.progress import reporting
-from brdfcore.errors import BrdfError, StorageError, UnknownNameError
 
 ENDED = ("done", "failed", "cancelled")
 #: Seconds between two looks at a job: the first, and the longest.

@@ -7,13 +7,13 @@ from __future__ import annotations
 import sys
 from types import ModuleType
 
-from brdfcore.parameters import Parameter
+from brdfcore.base.parameters import Parameter
 
 
 class _CallablePackage(ModuleType):
     def __call__(self) -> dict[str, tuple[Parameter, ...]]:
         """Every file format with the options of its reader."""
-        from brdfcore.catalogue import formats
+        from brdfcore.base.catalogue import formats
 
         return formats()
 

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.atomic import replacing
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.errors import InputError
-from brdfcore.formats.base import Format
-from brdfcore.formats.measurements import POLICIES, Measurements, not_scattered, to_brdf
-from brdfcore.formats.text_rows import MAX_NUMBERS, TextFile, printable
-from brdfcore.parameters import Parameter, resolve
-from brdfcore.tables.scattered import Scattered
+from brdfcore.base.atomic import replacing
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.errors import InputError
+from brdfcore.base.parameters import Parameter, resolve
+from brdfcore.formats.base.format import Format
+from brdfcore.formats.base.measurements import POLICIES, Measurements, not_scattered, to_brdf
+from brdfcore.formats.base.text_rows import MAX_NUMBERS, TextFile, printable
+from brdfcore.tables.scattered.table import Scattered
 
 #: What the angle columns may be called; theta_s and phi_s are the scattered direction.
 _ANGLES = ("theta_i", "phi_i", "theta_s", "phi_s")

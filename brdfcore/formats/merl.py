@@ -17,15 +17,15 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from brdfcore.atomic import replacing
-from brdfcore.brdf import RGB, Brdf
-from brdfcore.errors import FileFormatError, InputError, LimitError, StorageError
-from brdfcore.formats.base import Format, LossWarning
+from brdfcore.base.atomic import replacing
+from brdfcore.base.brdf import RGB, Brdf
+from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError
+from brdfcore.base.parameters import Parameter, resolve
+from brdfcore.formats.base.format import Format, LossWarning
 from brdfcore.metrics import measured_flags, reciprocity_defect
-from brdfcore.parameters import Parameter, resolve
-from brdfcore.tables.base import FLAGS, BuildOptions
+from brdfcore.tables.base.sampled import INTERPOLATION
+from brdfcore.tables.base.table import FLAGS, BuildOptions
 from brdfcore.tables.half_angle_grid import CELLS, MERL_SHAPE, HalfAngleGrid, continued
-from brdfcore.tables.sampled import INTERPOLATION
 
 #: f_r of a number 1 in each plane.
 SCALES = (1 / 1500, 1.15 / 1500, 1.66 / 1500)

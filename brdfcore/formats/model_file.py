@@ -7,13 +7,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from brdfcore.atomic import replacing
-from brdfcore.brdf import Brdf
-from brdfcore.catalogue import model
-from brdfcore.errors import BrdfError, FileFormatError, InputError, StorageError
-from brdfcore.formats.base import Format
-from brdfcore.models.base import Model
-from brdfcore.parameters import resolve
+from brdfcore.base.atomic import replacing
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.catalogue import model
+from brdfcore.base.errors import BrdfError, FileFormatError, InputError, StorageError
+from brdfcore.base.parameters import resolve
+from brdfcore.formats.base.format import Format
+from brdfcore.models.base.model import Model
 
 #: Far above any parameter list; a larger file is something else.
 MAX_BYTES = 1_000_000

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from brdfcore.brdf import Brdf
-from brdfcore.errors import InputError
-from brdfcore.formats.base import Format
-from brdfcore.tables.base import Table
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError
+from brdfcore.formats.base.format import Format
+from brdfcore.tables.base.table import Table
 
 
 class TableFormat(Format):
@@ -23,7 +23,7 @@ class TableFormat(Format):
         return head.startswith(b"\x89HDF\r\n\x1a\n")
 
     def read(self, path: Path, **options: Any) -> Brdf:
-        from brdfcore.parameters import resolve
+        from brdfcore.base.parameters import resolve
         from brdfcore.tables.store import open_table
 
         resolve("format 'table'", self.PARAMETERS, options)

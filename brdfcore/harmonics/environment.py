@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.conventions import as_float
-from brdfcore.errors import InputError, LimitError
+from brdfcore.base.conventions import as_float
+from brdfcore.base.errors import InputError, LimitError
 from brdfcore.harmonics.legendre import degrees, legendre, order_size
 
 Float64Array = npt.NDArray[np.float64]

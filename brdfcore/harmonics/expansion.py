@@ -15,16 +15,16 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.conventions import HALF_PI, FloatArray, check_domain, flatten_angles
-from brdfcore.errors import FileFormatError, InputError
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.conventions import HALF_PI, FloatArray, check_domain, flatten_angles
+from brdfcore.base.errors import FileFormatError, InputError
+from brdfcore.base.parameters import Parameter
+from brdfcore.base.status import Status
 from brdfcore.harmonics.factors import Order
 from brdfcore.harmonics.legendre import Parity
 from brdfcore.harmonics.targets import TARGETS, Block, Target, blocks
 from brdfcore.harmonics.windows import WINDOWS
-from brdfcore.parameters import Parameter
-from brdfcore.status import Status
-from brdfcore.tables.base import BuildOptions, Progress, Table, checked_delta, interpolated_delta
+from brdfcore.tables.base.table import BuildOptions, Progress, Table, checked_delta, interpolated_delta
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -162,7 +162,7 @@ class HarmonicExpansion(Table):
     @cached_property
     def _steps(self) -> tuple[npt.NDArray[np.int64], Float64Array, Float64Array]:
         """Layout with the places of the recursion's coefficients, p_m^m ratios, and those coefficients."""
-        from brdfcore.kernels.harmonic import STEPS_I, STEPS_O, steps
+        from brdfcore.kernels.harmonics.harmonic import STEPS_I, STEPS_O, steps
 
         layout, found, at = self._layout.copy(), [], 0
         odd = (bool(self._target.cos_i), bool(self._target.cos_o))
@@ -179,8 +179,8 @@ class HarmonicExpansion(Table):
         return layout, ratios, np.concatenate(found)
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
-        from brdfcore.kernels.blocks import run
-        from brdfcore.kernels.harmonic import LANES, harmonic_values
+        from brdfcore.kernels.harmonics.harmonic import LANES, harmonic_values
+        from brdfcore.kernels.machine.blocks import run
 
         shared = (
             *self._steps, self._bases, self._cores, len(self.channels), self.packed,
@@ -300,8 +300,8 @@ class HarmonicExpansion(Table):
 
 
 def layout_of(ranks: npt.NDArray[Any], listed: list[Block], channels: int, packed: bool) -> npt.NDArray[np.int64]:
-    """int64 (orders, 10) of `kernels.harmonic`; its last two columns hold, until the recursion's steps are known, the
-    ends of the order's bases and cores."""
+    """int64 (orders, 10) of `kernels.harmonics.harmonic`; its last two columns hold, until the recursion's steps are
+    known, the ends of the order's bases and cores."""
     cosines = [b for b in listed if not b.sine]
     with_sines = {b.m for b in listed if b.sine}
     found = np.zeros((len(cosines), 10), np.int64)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.base.quadrature import composite
 from brdfcore.harmonics.legendre import legendre
-from brdfcore.quadrature import composite
 
 Float64Array = npt.NDArray[np.float64]
 

@@ -5,7 +5,7 @@
 Every value is within 1e-12 of the exact one for the float64 x given, relative to itself, also beside zeros of p (the
 largest of 3e5 found to l = 1024 is 2.3e-13, to 4096 5.4e-13); that zero itself moves by l dx when x does, so digits of
 p there say something only if x is exact. 0 is returned where x is a zero, and where |p| < 2^-1074. Recursion and
-exponents: `kernels.legendre`.
+exponents: `kernels.harmonics.legendre`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.errors import InputError, LimitError
-from brdfcore.parameters import shown
+from brdfcore.base.errors import InputError, LimitError
+from brdfcore.base.parameters import shown
 
 Float64Array = npt.NDArray[np.float64]
 Parity = Literal["odd", "even"]
@@ -107,7 +107,7 @@ def legendre(
 
 
 def _values(lmax: int, x: Float64Array, first: int, last: int, parity: Parity | None, rows: int) -> Float64Array:
-    from brdfcore.kernels.legendre import legendre_orders, seeds
+    from brdfcore.kernels.harmonics.legendre import legendre_orders, seeds
 
     skip, stride = _walk(parity)
     orders = np.arange(first, last + 1)
@@ -137,8 +137,8 @@ def _factors(lmax: int) -> Float64Array:
 
 @lru_cache(maxsize=4)
 def _coefficients(lmax: int) -> Float64Array:
-    from brdfcore.kernels.legendre import recursion_coefficients
-    from brdfcore.kernels.legendre_steps import STEPS
+    from brdfcore.kernels.harmonics.legendre import recursion_coefficients
+    from brdfcore.kernels.harmonics.legendre_steps import STEPS
 
     out = np.empty((entries(lmax) + STEPS - 1, 3))
     recursion_coefficients(entries(lmax), lmax, out)

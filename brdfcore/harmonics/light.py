@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Channels
-from brdfcore.conventions import as_float, flatten_vectors
-from brdfcore.errors import InputError
+from brdfcore.base.brdf import Channels
+from brdfcore.base.conventions import as_float, flatten_vectors
+from brdfcore.base.errors import InputError
 from brdfcore.harmonics.environment import LARGEST, checked_map, map_coefficients, map_energy
 from brdfcore.harmonics.irradiance import irradiance_factors
 from brdfcore.harmonics.legendre import SphericalHarmonics, checked_degree

@@ -20,13 +20,13 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf
-from brdfcore.errors import InputError, missing_extra
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError, missing_extra
+from brdfcore.base.quadrature import gauss_legendre
 from brdfcore.harmonics.legendre import legendre, order_offset
 from brdfcore.harmonics.rules import Rule
 from brdfcore.harmonics.targets import Block, Target, blocks
-from brdfcore.kernels.blocks import threads
-from brdfcore.quadrature import gauss_legendre
+from brdfcore.kernels.machine.blocks import threads
 
 Float64Array = npt.NDArray[np.float64]
 Progress = Callable[[int, int, str], None]

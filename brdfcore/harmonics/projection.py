@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf
-from brdfcore.errors import InputError, LimitError
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError, LimitError
 from brdfcore.harmonics.expansion import MAX_LMAX, HarmonicExpansion, packed_arrays
 from brdfcore.harmonics.factors import factored
 from brdfcore.harmonics.grids import grid_values
@@ -21,7 +21,7 @@ from brdfcore.harmonics.targets import MERL_BYTES, TARGETS, Target, blocks, coun
 from brdfcore.harmonics.windows import factors as window_factors
 from brdfcore.harmonics.windows import step_response
 from brdfcore.metrics import ALBEDO_SLACK
-from brdfcore.tables.base import sampled_delta
+from brdfcore.tables.base.table import sampled_delta
 
 Float64Array = npt.NDArray[np.float64]
 

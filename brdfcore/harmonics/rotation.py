@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.conventions import as_float
-from brdfcore.errors import InputError
+from brdfcore.base.conventions import as_float
+from brdfcore.base.errors import InputError
 from brdfcore.harmonics.legendre import checked_degree
 
 Float64Array = npt.NDArray[np.float64]

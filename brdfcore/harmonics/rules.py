@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf
-from brdfcore.quadrature import gauss_legendre
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.quadrature import gauss_legendre
 
 Float64Array = npt.NDArray[np.float64]
 

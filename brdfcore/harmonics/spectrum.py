@@ -13,10 +13,10 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.base.quadrature import gauss_legendre
 from brdfcore.harmonics.legendre import Parity, legendre
 from brdfcore.harmonics.moments import Moments
 from brdfcore.harmonics.targets import degrees_of
-from brdfcore.quadrature import gauss_legendre
 
 Float64Array = npt.NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.errors import InputError
+from brdfcore.base.errors import InputError
+from brdfcore.base.parameters import shown
 from brdfcore.harmonics.legendre import Parity, degrees, order_size
-from brdfcore.parameters import shown
 
 #: A MERL file, the usual measure of a large table: what an expansion above it has to be told beside.
 MERL_BYTES = 34_992_012

@@ -27,18 +27,18 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.conventions import Vectors, flatten_vectors
-from brdfcore.errors import InputError
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.conventions import Vectors, flatten_vectors
+from brdfcore.base.errors import InputError
+from brdfcore.base.quadrature import gauss_legendre
 from brdfcore.harmonics.expansion import HarmonicExpansion
 from brdfcore.harmonics.legendre import checked_degree, degrees, legendre
 from brdfcore.harmonics.light import Light
 from brdfcore.harmonics.moments import one_blas_thread
 from brdfcore.harmonics.rotation import MAX_ROTATED, orders_of, swaps
 from brdfcore.harmonics.targets import TARGETS
-from brdfcore.kernels.launch import threads
-from brdfcore.quadrature import gauss_legendre
-from brdfcore.tables.base import Progress
+from brdfcore.kernels.machine.launch import threads
+from brdfcore.tables.base.table import Progress
 
 Float64Array = npt.NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.errors import InputError
+from brdfcore.base.errors import InputError
+from brdfcore.base.parameters import shown
+from brdfcore.base.quadrature import composite
 from brdfcore.harmonics.legendre import legendre
-from brdfcore.parameters import shown
-from brdfcore.quadrature import composite
 
 Float64Array = npt.NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import ALBEDO_TOLERANCE, DATA_ALBEDO_TOLERANCE, Brdf, Channels
-from brdfcore.conventions import FloatArray
-from brdfcore.directions import mixture
-from brdfcore.errors import InputError
+from brdfcore.base.brdf import ALBEDO_TOLERANCE, DATA_ALBEDO_TOLERANCE, Brdf, Channels
+from brdfcore.base.conventions import FloatArray
+from brdfcore.base.directions import mixture
+from brdfcore.base.errors import InputError
 from brdfcore.metrics.estimators import (
     cube_root_differences,
     log_differences,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.conventions import FloatArray
+from brdfcore.base.conventions import FloatArray
 
 Float64Array = npt.NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf
-from brdfcore.directions import DirectionSet, cosine_pairs, mixture
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.directions import DirectionSet, cosine_pairs, mixture
 from brdfcore.metrics.estimators import Estimate, ratio
 
 #: theta_i of the albedo bias and of the energy check, degrees.

@@ -7,13 +7,13 @@ from __future__ import annotations
 import sys
 from types import ModuleType
 
-from brdfcore.parameters import Parameter
+from brdfcore.base.parameters import Parameter
 
 
 class _CallablePackage(ModuleType):
     def __call__(self) -> dict[str, tuple[Parameter, ...]]:
         """Every analytic model with its parameters."""
-        from brdfcore.catalogue import models
+        from brdfcore.base.catalogue import models
 
         return models()
 

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.geometry import PairGeometry
-from brdfcore.models import lobe
-from brdfcore.models.base import FastArguments, Model, channels_for
-from brdfcore.parameters import Parameter
+from brdfcore.base.geometry import PairGeometry
+from brdfcore.base.parameters import Parameter
+from brdfcore.models.base import lobe
+from brdfcore.models.base.model import FastArguments, Model, channels_for
 
 
 class BlinnPhong(Model):
@@ -55,7 +55,7 @@ class BlinnPhong(Model):
     SUMMARY: ClassVar[str] = "Cosine power of the half vector: Phong's lobe with a microfacet's shape."
     FORMULA: ClassVar[str] = "f = diffuse/pi + specular (n + 2)(n + 4)/(8 pi (2^(-n/2) + n)) (n.h)^n"
     REFERENCE: ClassVar[str] = "J. Blinn, SIGGRAPH 1977, doi:10.1145/965141.563893"
-    FAST: ClassVar[str] = "brdfcore.kernels.lobes:lobe"
+    FAST: ClassVar[str] = "brdfcore.kernels.models.lobes:lobe"
 
     _analytic: bool = True
 
@@ -75,7 +75,7 @@ class BlinnPhong(Model):
         self._base = lobe.per_channel(p["diffuse"]) / np.pi
 
     def _fast_arguments(self) -> FastArguments:
-        from brdfcore.kernels.lobes import lobe_numbers
+        from brdfcore.kernels.models.lobes import lobe_numbers
 
         return FastArguments(
             self._factor,

@@ -7,11 +7,18 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.geometry import PairGeometry
-from brdfcore.models import fresnel, lobe, microfacet
-from brdfcore.models.base import FastArguments, Model
-from brdfcore.models.optical_constants import EXTERIOR_IOR, IOR, WAVELENGTHS, channels_of, ior_to_json, material_index
-from brdfcore.parameters import Parameter
+from brdfcore.base.geometry import PairGeometry
+from brdfcore.base.parameters import Parameter
+from brdfcore.models.base import fresnel, lobe, microfacet
+from brdfcore.models.base.model import FastArguments, Model
+from brdfcore.models.base.optical_constants import (
+    EXTERIOR_IOR,
+    IOR,
+    WAVELENGTHS,
+    channels_of,
+    ior_to_json,
+    material_index,
+)
 
 #: 4 k of f = k F D G/(cos_i cos_o), D with unit projected area; G/(4 cos_i cos_o) is formed as one (`microfacet`).
 CONVENTIONS = {"normalised": 1.0, "slides": 4 / np.pi, "published": 4.0}
@@ -84,7 +91,7 @@ class CookTorrance(Model):
     SUMMARY: ClassVar[str] = "Microfacet lobe of metals and glossy plastics, with a diffuse part."
     FORMULA: ClassVar[str] = "f = diffuse/pi + specular k F D G/(cos theta_i cos theta_o)"
     REFERENCE: ClassVar[str] = "R. Cook and K. Torrance, ACM TOG 1(1), 1982, doi:10.1145/357290.357293"
-    FAST: ClassVar[str] = "brdfcore.kernels.microfacet_lobe:microfacet"
+    FAST: ClassVar[str] = "brdfcore.kernels.models.microfacet_lobe:microfacet"
 
     _analytic: bool = True
 
@@ -115,7 +122,7 @@ class CookTorrance(Model):
         self._base = lobe.per_channel(p["diffuse"]) / np.pi
 
     def _fast_arguments(self) -> FastArguments:
-        from brdfcore.kernels.microfacet_lobe import microfacet_choices, microfacet_numbers
+        from brdfcore.kernels.models.microfacet_lobe import microfacet_choices, microfacet_numbers
 
         f, distribution = self._fresnel, self.parameters["distribution"]
         numbers = microfacet_numbers(self._m, distribution, (f.kind, f.ior, f.exterior_ior), len(self.channels))

@@ -7,11 +7,18 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.geometry import PairGeometry
-from brdfcore.models import fresnel, lobe, microfacet
-from brdfcore.models.base import FastArguments, Model
-from brdfcore.models.optical_constants import EXTERIOR_IOR, IOR, WAVELENGTHS, channels_of, ior_to_json, material_index
-from brdfcore.parameters import Parameter
+from brdfcore.base.geometry import PairGeometry
+from brdfcore.base.parameters import Parameter
+from brdfcore.models.base import fresnel, lobe, microfacet
+from brdfcore.models.base.model import FastArguments, Model
+from brdfcore.models.base.optical_constants import (
+    EXTERIOR_IOR,
+    IOR,
+    WAVELENGTHS,
+    channels_of,
+    ior_to_json,
+    material_index,
+)
 
 
 class GGX(Model):
@@ -53,7 +60,7 @@ class GGX(Model):
     SUMMARY: ClassVar[str] = "Microfacet lobe with long tails: most metals and glazes."
     FORMULA: ClassVar[str] = "f = diffuse/pi + specular F D G/(4 cos theta_i cos theta_o)"
     REFERENCE: ClassVar[str] = "B. Walter et al., EGSR 2007, doi:10.2312/EGWR/EGSR07/195-206"
-    FAST: ClassVar[str] = "brdfcore.kernels.microfacet_lobe:microfacet"
+    FAST: ClassVar[str] = "brdfcore.kernels.models.microfacet_lobe:microfacet"
 
     _analytic: bool = True
 
@@ -75,7 +82,7 @@ class GGX(Model):
         self._base = lobe.per_channel(p["diffuse"]) / np.pi
 
     def _fast_arguments(self) -> FastArguments:
-        from brdfcore.kernels.microfacet_lobe import microfacet_choices, microfacet_numbers
+        from brdfcore.kernels.models.microfacet_lobe import microfacet_choices, microfacet_numbers
 
         f, masking = self._fresnel, "smith" if self.parameters["correlated"] else "smith_ggx_separable"
         numbers = microfacet_numbers(self._m, "ggx", (f.kind, f.ior, f.exterior_ior), len(self.channels))

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.conventions import FloatArray
-from brdfcore.geometry import PairGeometry
-from brdfcore.models.base import Model, channels_for, in_plain_domain
-from brdfcore.parameters import Parameter
+from brdfcore.base.conventions import FloatArray
+from brdfcore.base.geometry import PairGeometry
+from brdfcore.base.parameters import Parameter
+from brdfcore.models.base.model import Model, channels_for, in_plain_domain
 
 
 class Lambert(Model):

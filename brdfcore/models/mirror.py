@@ -7,13 +7,20 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.conventions import FloatArray
-from brdfcore.errors import InputError
-from brdfcore.geometry import PairGeometry
-from brdfcore.models import fresnel
-from brdfcore.models.base import Model, in_plain_domain
-from brdfcore.models.optical_constants import EXTERIOR_IOR, IOR, WAVELENGTHS, channels_of, ior_to_json, material_index
-from brdfcore.parameters import Parameter
+from brdfcore.base.conventions import FloatArray
+from brdfcore.base.errors import InputError
+from brdfcore.base.geometry import PairGeometry
+from brdfcore.base.parameters import Parameter
+from brdfcore.models.base import fresnel
+from brdfcore.models.base.model import Model, in_plain_domain
+from brdfcore.models.base.optical_constants import (
+    EXTERIOR_IOR,
+    IOR,
+    WAVELENGTHS,
+    channels_of,
+    ior_to_json,
+    material_index,
+)
 
 
 class Mirror(Model):

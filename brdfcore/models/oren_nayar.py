@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.geometry import PairGeometry
-from brdfcore.models import lobe
-from brdfcore.models.base import FastArguments, Model, channels_for
-from brdfcore.parameters import Parameter
+from brdfcore.base.geometry import PairGeometry
+from brdfcore.base.parameters import Parameter
+from brdfcore.models.base import lobe
+from brdfcore.models.base.model import FastArguments, Model, channels_for
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class OrenNayar(Model):
         "alpha, beta = max, min(theta_i, theta_o), phi = delta_phi"
     )
     REFERENCE: ClassVar[str] = "M. Oren and S. Nayar, SIGGRAPH 1994, doi:10.1145/192161.192213"
-    FAST: ClassVar[str] = "brdfcore.kernels.lobes:lobe"
+    FAST: ClassVar[str] = "brdfcore.kernels.models.lobes:lobe"
 
     _analytic: bool = True
 
@@ -75,7 +75,7 @@ class OrenNayar(Model):
         self._scale = rho / np.pi
 
     def _fast_arguments(self) -> FastArguments:
-        from brdfcore.kernels.lobes import lobe_numbers
+        from brdfcore.kernels.models.lobes import lobe_numbers
 
         return FastArguments(
             self._scale,

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.geometry import PairGeometry
-from brdfcore.models import lobe
-from brdfcore.models.base import FastArguments, Model, channels_for
-from brdfcore.parameters import Parameter
+from brdfcore.base.geometry import PairGeometry
+from brdfcore.base.parameters import Parameter
+from brdfcore.models.base import lobe
+from brdfcore.models.base.model import FastArguments, Model, channels_for
 
 
 class Phong(Model):
@@ -55,7 +55,7 @@ class Phong(Model):
     SUMMARY: ClassVar[str] = "Cosine power about the mirror direction: plastic of the first computer pictures."
     FORMULA: ClassVar[str] = "f = diffuse/pi + specular (n + 2)/(2 pi) max(r.v, 0)^n"
     REFERENCE: ClassVar[str] = "B. T. Phong, Commun. ACM 18(6), 1975, doi:10.1145/360825.360839"
-    FAST: ClassVar[str] = "brdfcore.kernels.lobes:lobe"
+    FAST: ClassVar[str] = "brdfcore.kernels.models.lobes:lobe"
 
     _analytic: bool = True
 
@@ -74,7 +74,7 @@ class Phong(Model):
         self._base = lobe.per_channel(p["diffuse"]) / np.pi
 
     def _fast_arguments(self) -> FastArguments:
-        from brdfcore.kernels.lobes import lobe_numbers
+        from brdfcore.kernels.models.lobes import lobe_numbers
 
         return FastArguments(
             self._factor,

@@ -32,7 +32,7 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != "matplotlib":
             raise
-        from brdfcore.errors import missing_extra
+        from brdfcore.base.errors import missing_extra
 
         raise missing_extra("matplotlib", "core", "a picture") from error
     globals()[name] = value

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextToPath
 
-from brdfcore.brdf import Brdf
-from brdfcore.errors import InputError
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError
 from brdfcore.plot import style
 from brdfcore.plot.style import FAINT
 

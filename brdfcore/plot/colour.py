@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Channels
+from brdfcore.base.brdf import Channels
 
 Array = npt.NDArray[np.float64]
 

@@ -11,15 +11,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
-from brdfcore.brdf import Brdf
-from brdfcore.conventions import HALF_PI, check_domain, flatten_angles
-from brdfcore.errors import InputError
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.conventions import HALF_PI, check_domain, flatten_angles
+from brdfcore.base.errors import InputError
+from brdfcore.base.status import Status
 from brdfcore.plot import style
 from brdfcore.plot.canvas import canvas, footnotes, heading
 from brdfcore.plot.rendering import drawing
 from brdfcore.plot.style import FAINT, INK
-from brdfcore.status import Status
-from brdfcore.tables.scattered import Scattered
+from brdfcore.tables.scattered.table import Scattered
 
 Array = npt.NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
-from brdfcore import conventions
-from brdfcore.brdf import Brdf
+from brdfcore.base import conventions
+from brdfcore.base.brdf import Brdf
 from brdfcore.plot import style
 from brdfcore.plot.canvas import canvas, check_scale, delta_notes, footnotes, heading
 from brdfcore.plot.rendering import drawing

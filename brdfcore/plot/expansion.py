@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from brdfcore import conventions
-from brdfcore.brdf import Brdf
-from brdfcore.errors import InputError
+from brdfcore.base import conventions
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError
 from brdfcore.harmonics.expansion import HarmonicExpansion
 from brdfcore.harmonics.summary import harmonic_summary
 from brdfcore.plot import style

@@ -14,9 +14,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from brdfcore import conventions
-from brdfcore.brdf import Brdf
-from brdfcore.errors import InputError
+from brdfcore.base import conventions
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError
 from brdfcore.plot import style
 from brdfcore.plot.canvas import canvas, check_scale, delta_notes, fitted, footnotes, heading, inches_of
 from brdfcore.plot.rendering import drawing

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.errors import InputError
+from brdfcore.base.errors import InputError
 
 Array = npt.NDArray[np.float64]
 #: Radiance of directions (..., 3) -> (...).

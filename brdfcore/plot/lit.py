@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore import conventions
-from brdfcore.brdf import Brdf
-from brdfcore.errors import InputError
+from brdfcore.base import conventions
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError
+from brdfcore.base.quadrature import hemisphere_rule
 from brdfcore.plot.lighting import WHITE, Radiance, surroundings
-from brdfcore.quadrature import hemisphere_rule
 
 Array = npt.NDArray[np.float64]
 #: A named lighting, or the directions (k, 3) of equal distant lamps; x right, y up, z towards the viewer.

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal
 
-from brdfcore.errors import InputError
+from brdfcore.base.errors import InputError
 from brdfcore.plot.style import RC
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore import conventions
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.errors import InputError
+from brdfcore.base import conventions
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.errors import InputError
 
 Array = npt.NDArray[np.float64]
 View = Literal["polar", "hemisphere"]

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from brdfcore.brdf import Brdf
-from brdfcore.errors import InputError
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError
 from brdfcore.plot import style
 from brdfcore.plot.canvas import canvas, footnotes, heading
 from brdfcore.plot.colour import screen_weights, to_srgb

@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.registry import MODELS
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.registry import MODELS
 
 Scale = Literal["linear", "log"]
 

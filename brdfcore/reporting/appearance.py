@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf
-from brdfcore.errors import missing_extra
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import missing_extra
 from brdfcore.plot.colour import screen_weights, to_srgb
 from brdfcore.plot.lit import lit
 from brdfcore.plot.style import default_channel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from brdfcore.brdf import Brdf
+from brdfcore.base.brdf import Brdf
 from brdfcore.metrics import WHOLE, Comparison, Range
 from brdfcore.metrics import compare as measures
 
@@ -42,7 +42,7 @@ def compare(
     """
     found = measures(reference, candidate, directions=directions, seed=seed, light=light, view=view)
     if speed:
-        from brdfcore.analysis.timing import look_up_maker, time_all
+        from brdfcore.analysis.pareto.timing import look_up_maker, time_all
 
         times = time_all({"": look_up_maker(candidate)})[""]
         nbytes = int(getattr(candidate, "nbytes", 0))

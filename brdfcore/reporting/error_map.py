@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf
+from brdfcore.base.brdf import Brdf
 
 Array = npt.NDArray[np.float64]
 

@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from brdfcore.analysis.entries import Entry
-from brdfcore.analysis.pareto import Pareto
-from brdfcore.brdf import Brdf
+from brdfcore.analysis.pareto.entries import Entry
+from brdfcore.analysis.pareto.pareto import Pareto
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.registry import REPRESENTATIONS
 from brdfcore.plot.rendering import drawing
 from brdfcore.plot.slices import slice as slice_of
 from brdfcore.plot.style import COLOUR_MAP, COLOURS, FAINT, INK, clean
-from brdfcore.registry import REPRESENTATIONS
 from brdfcore.reporting import words
 from brdfcore.reporting.appearance import Appearance
 from brdfcore.reporting.error_map import ErrorMap

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from brdfcore.analysis.entries import Entry
-from brdfcore.analysis.pareto import Pareto
+from brdfcore.analysis.pareto.entries import Entry
+from brdfcore.analysis.pareto.pareto import Pareto
 from brdfcore.reporting import words
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brdfcore.analysis.entries import Entry
-from brdfcore.analysis.pareto import Pareto
-from brdfcore.models.base import Model
+from brdfcore.analysis.pareto.entries import Entry
+from brdfcore.analysis.pareto.pareto import Pareto
+from brdfcore.models.base.model import Model
 from brdfcore.plot.rendering import render
 from brdfcore.reporting import figures, words
 

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from brdfcore.analysis.pareto import Pareto, pareto
-from brdfcore.analysis.timing import versions
-from brdfcore.atomic import replacing
-from brdfcore.brdf import Brdf
-from brdfcore.errors import InputError, StorageError
+from brdfcore.analysis.pareto.pareto import Pareto, pareto
+from brdfcore.analysis.pareto.timing import versions
+from brdfcore.base.atomic import replacing
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError, StorageError
 from brdfcore.metrics import compare
 from brdfcore.reporting import words
 from brdfcore.reporting.appearance import Appearance, appearance
 from brdfcore.reporting.error_map import ErrorMap, error_map
-from brdfcore.tables.base import Progress, Table
+from brdfcore.tables.base.table import Progress, Table
 from brdfcore.tables.store import open_table
 
 Kind = Literal["html", "json", "md", "png"]
@@ -137,7 +137,7 @@ def report(
     progress: Progress | None = None,
     **options: Any,
 ) -> Report:
-    """Measure every material (`analysis.pareto.pareto`), compare pictures, and write the table of each.
+    """Measure every material (`analysis.pareto.pareto.pareto`), compare pictures, and write the table of each.
 
     subjects the materials by name, or with what is known of where they come from.
     tables   folder for the chosen tables, made if absent; None writes none. A table is written if it is right enough,

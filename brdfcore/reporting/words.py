@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from brdfcore.analysis.entries import Entry
-from brdfcore.analysis.pareto import Pareto
-from brdfcore.analysis.tabulating import USUALLY
+from brdfcore.analysis.pareto.entries import Entry
+from brdfcore.analysis.pareto.pareto import Pareto
+from brdfcore.analysis.pareto.tabulating import USUALLY
 
 #: Below this an error is called exact to float32's precision rather than quoted.
 NEXT_TO_NOTHING = 1e-6

@@ -15,25 +15,25 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.conventions import FloatArray
-from brdfcore.errors import InputError
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.conventions import FloatArray
+from brdfcore.base.errors import InputError
+from brdfcore.base.parameters import Parameter
 from brdfcore.metrics import ALBEDO_SLACK
-from brdfcore.parameters import Parameter
-from brdfcore.tables.base import (
+from brdfcore.tables.base.sampled import (
+    INTERPOLATION,
+    SampledTable,
+    bad_field,
+    check_interpolation,
+    stored_interpolation,
+)
+from brdfcore.tables.base.table import (
     DELTA_NODES,
     BuildOptions,
     Progress,
     checked_delta,
     expected_time,
     sampled_delta,
-)
-from brdfcore.tables.sampled import (
-    INTERPOLATION,
-    SampledTable,
-    bad_field,
-    check_interpolation,
-    stored_interpolation,
 )
 
 #: Nodes of theta that `candidates` tries: 2 degrees to half a degree; delta_phi gets twice as many cells.
@@ -88,14 +88,14 @@ class AngleGrid(SampledTable):
 
     @cached_property
     def _scales(self) -> dict[np.dtype[Any], Any]:
-        from brdfcore.kernels.trilinear import grid_scale
+        from brdfcore.kernels.tables.trilinear import grid_scale
 
         shape = self.values.shape[:3]
         return {np.dtype(t): grid_scale(shape, self.bilateral, t) for t in (np.float32, np.float64)}
 
     @cached_property
     def _kernel(self) -> Any:
-        from brdfcore.kernels import angle_lattice, trilinear
+        from brdfcore.kernels.tables import angle_lattice, trilinear
 
         if self.interpolation == "monotone_cubic":
             return angle_lattice.cubic

@@ -20,21 +20,21 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.conventions import HALF_PI, FloatArray
-from brdfcore.errors import InputError
-from brdfcore.geometry import angles_from_vectors
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.conventions import HALF_PI, FloatArray
+from brdfcore.base.errors import InputError
+from brdfcore.base.geometry import angles_from_vectors
+from brdfcore.base.parameters import Parameter, shown
+from brdfcore.base.status import Status
 from brdfcore.metrics import ALBEDO_SLACK, reciprocity_defect
-from brdfcore.parameters import Parameter, shown
-from brdfcore.status import Status
-from brdfcore.tables.base import DELTA_NODES, BuildOptions, Progress, checked_delta, sampled_delta
-from brdfcore.tables.sampled import (
+from brdfcore.tables.base.sampled import (
     INTERPOLATION,
     SampledTable,
     bad_field,
     check_interpolation,
     stored_interpolation,
 )
+from brdfcore.tables.base.table import DELTA_NODES, BuildOptions, Progress, checked_delta, sampled_delta
 
 #: Cells of theta_h, theta_d and phi_d in the files of the MERL database.
 MERL_SHAPE = (90, 90, 180)
@@ -53,7 +53,7 @@ _MOST_VALUES = 2**31 - 1
 class HalfAngleGrid(SampledTable):
     """f_r on a lattice of half and difference angles, float32; nearest cell, trilinear or monotone cubic.
 
-    values : float32 (n_theta_h, n_theta_d, n_phi_d, channels), all finite; coordinates and cells: `kernels.half_angle`.
+    values : float32 (n_theta_h, n_theta_d, n_phi_d, channels), all finite; coordinates: `kernels.tables.half_angle`.
     filled : uint8 (n,), optional: a bit for each cell in that order, the first the highest of its byte, set where the
         source has no value and the cell holds a continuation (`continued`): where its middle is below the horizon of
         either direction, and where a file marks it. `status` reads it.
@@ -94,14 +94,14 @@ class HalfAngleGrid(SampledTable):
 
     @cached_property
     def _scales(self) -> dict[np.dtype[Any], Any]:
-        from brdfcore.kernels.half_angle import half_angle_scale
+        from brdfcore.kernels.tables.half_angle import half_angle_scale
 
         shape = self.values.shape[:3]
         return {np.dtype(t): half_angle_scale(shape, CELLS[self.cells], t) for t in (np.float32, np.float64)}
 
     @cached_property
     def _kernel(self) -> Any:
-        from brdfcore.kernels import half_angle
+        from brdfcore.kernels.tables import half_angle
 
         if self.interpolation == "monotone_cubic":
             return half_angle.cubic
@@ -125,7 +125,7 @@ class HalfAngleGrid(SampledTable):
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         """FILLED in a filled cell; EXTRAPOLATED where one has a part in the value, and past the last nodes."""
-        from brdfcore.kernels import half_angle_numpy as half_angle
+        from brdfcore.kernels.tables import half_angle_numpy as half_angle
 
         n_h, n_d, n_p = self.values.shape[:3]
         shift = CELLS[self.cells]

@@ -14,20 +14,20 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf
-from brdfcore.conventions import FloatArray
-from brdfcore.errors import InputError
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.conventions import FloatArray
+from brdfcore.base.errors import InputError
+from brdfcore.base.parameters import Parameter
 from brdfcore.metrics import ALBEDO_SLACK
-from brdfcore.parameters import Parameter
-from brdfcore.tables.base import (
+from brdfcore.tables.base.half_fit import Fitter, Layout, shape_for
+from brdfcore.tables.base.half_lattice import HalfLattice, lattice_arrays, steps_z
+from brdfcore.tables.base.table import (
     DELTA_NODES,
     BuildOptions,
     Progress,
     expected_time,
     sampled_delta,
 )
-from brdfcore.tables.half_fit import Fitter, Layout, shape_for
-from brdfcore.tables.half_lattice import HalfLattice, lattice_arrays, steps_z
 
 #: Nodes a channel that `candidates` tries for a tolerance.
 LADDER = (8_000, 24_000, 64_000, 128_000, 256_000, 512_000)
@@ -41,8 +41,8 @@ class HalfDifference(HalfLattice):
 
     Trilinear in warped coordinates. Where that has less error (Phong's lobes) the angle to the mirror direction takes
     the place of theta_h (`mirror`).
-    Coordinates, maps and K: `kernels.half_difference`. Folded by the source's flags: phi_d over a quarter turn if
-    bilateral and reciprocal, half a turn if bilateral, else a whole one.
+    Coordinates, maps and K: `kernels.tables.half_difference`. Folded by the source's flags: phi_d over a quarter turn
+    if bilateral and reciprocal, half a turn if bilateral, else a whole one.
 
     Arrays:
 
@@ -72,7 +72,7 @@ class HalfDifference(HalfLattice):
 
     @classmethod
     def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
-        """Fit nodes to `source`; see `tables.half_fit` and `Table.build`."""
+        """Fit nodes to `source`; see `tables.base.half_fit` and `Table.build`."""
         if options.interpolation != "linear":
             raise InputError(
                 "bad_option",

@@ -14,13 +14,20 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.conventions import HALF_PI, FloatArray
-from brdfcore.errors import FileFormatError, InputError
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.conventions import HALF_PI, FloatArray
+from brdfcore.base.errors import FileFormatError, InputError
+from brdfcore.base.parameters import Parameter
+from brdfcore.base.status import Status
 from brdfcore.metrics import ALBEDO_SLACK
-from brdfcore.parameters import Parameter
-from brdfcore.status import Status
-from brdfcore.tables.base import (
+from brdfcore.tables.base.mirror_coordinates import (
+    about_mirror,
+    above_horizon,
+    default_nodes,
+    node_directions,
+    slice_cosines,
+)
+from brdfcore.tables.base.table import (
     DELTA_NODES,
     BuildOptions,
     Progress,
@@ -28,13 +35,6 @@ from brdfcore.tables.base import (
     checked_delta,
     interpolated_delta,
     sampled_delta,
-)
-from brdfcore.tables.mirror_coordinates import (
-    about_mirror,
-    above_horizon,
-    default_nodes,
-    node_directions,
-    slice_cosines,
 )
 
 Float64Array = npt.NDArray[np.float64]

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.atomic import replacing
-from brdfcore.brdf import Channels
-from brdfcore.errors import FileFormatError, InputError, LimitError, StorageError, missing_extra
-from brdfcore.registry import REPRESENTATIONS
-from brdfcore.tables.base import FLAGS, Table
+from brdfcore.base.atomic import replacing
+from brdfcore.base.brdf import Channels
+from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError, missing_extra
+from brdfcore.base.registry import REPRESENTATIONS
+from brdfcore.tables.base.table import FLAGS, Table
 from brdfcore.version import __version__
 
 try:

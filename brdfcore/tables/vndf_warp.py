@@ -14,11 +14,11 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.conventions import HALF_PI, THETA_MAX, FloatArray
-from brdfcore.errors import FileFormatError, InputError
-from brdfcore.status import Status
-from brdfcore.tables.base import BuildOptions, Progress, Table
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.conventions import HALF_PI, THETA_MAX, FloatArray
+from brdfcore.base.errors import FileFormatError, InputError
+from brdfcore.base.status import Status
+from brdfcore.tables.base.table import BuildOptions, Progress, Table
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -162,7 +162,7 @@ class VndfWarp(Table):
 
     @cached_property
     def _scales(self) -> dict[np.dtype[Any], Any]:
-        from brdfcore.kernels.warp import warp_scale
+        from brdfcore.kernels.tables.warp import warp_scale
 
         a = self._arrays
         slices, n_y, n_x, _ = a["warp"].shape
@@ -171,7 +171,7 @@ class VndfWarp(Table):
 
     @cached_property
     def _kernel(self) -> Any:
-        from brdfcore.kernels import warp
+        from brdfcore.kernels.tables import warp
 
         return warp.warp_rgb if len(self.channels) == 3 else warp.warp_many
 
@@ -209,7 +209,7 @@ def _bad(field: str, got: str, expected: str) -> FileFormatError:
 
 def _checked(arrays: Mapping[str, npt.NDArray[Any]], channels: int) -> dict[str, npt.NDArray[Any]]:
     """The arrays, contiguous, with shapes, ranges and `theta_index` checked: no look-up can leave them."""
-    from brdfcore.kernels.warp import theta_index
+    from brdfcore.kernels.tables.warp import theta_index
 
     dimensions = {"spectra": 4, "theta_i": 1, "sigma": 1, "ndf": 1, "warp": 4, "rows": 3}
     found: dict[str, npt.NDArray[Any]] = {}

@@ -6,9 +6,9 @@ import pytest
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from brdfcore.formats.measurements import to_brdf
+from brdfcore.formats.base.measurements import to_brdf
 from tests.app.conftest import Serve, assert_problem
-from tests.core import goniometer
+from tests.support import goniometer
 
 
 @pytest.fixture

@@ -16,11 +16,11 @@ import pytest
 from brdf_service.settings import Settings
 from starlette.testclient import TestClient
 
-from brdfcore.formats.tensor_file import encode
+from brdfcore.formats.rgl.tensor_file import encode
 from tests.app.conftest import Serve, assert_problem
 from tests.app.running import Running, running
 from tests.app.test_writing import OCTET, PAINT, VALUE, WHITE, ended, leftovers
-from tests.core.rgl_synthetic import fields_of
+from tests.support.rgl_synthetic import fields_of
 
 KEY = "a long secret key"
 

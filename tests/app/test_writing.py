@@ -14,9 +14,9 @@ from brdf_service.work.jobs import QUEUED
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from brdfcore.formats.tensor_file import encode
+from brdfcore.formats.rgl.tensor_file import encode
 from tests.app.conftest import Serve, assert_problem, local
-from tests.core.rgl_synthetic import fields_of
+from tests.support.rgl_synthetic import fields_of
 
 WHITE = {"model": "lambert", "parameters": {"reflectance": 0.8}}
 OCTET = {"content-type": "application/octet-stream"}

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.stats import qmc
 
 import brdfcore as bc
-from brdfcore.analysis.gloss import GLOSS, gloss
-from brdfcore.quadrature import hemisphere_rule
+from brdfcore.analysis.gloss.gloss import GLOSS, gloss
+from brdfcore.base.quadrature import hemisphere_rule
 from tests.shared import rgl_names, rgl_path
 
 ANGLES = (0.0, 45.0, 80.0, 85.0, 89.0, 89.9)

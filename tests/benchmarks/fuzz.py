@@ -24,10 +24,10 @@ from typing import Any
 import numpy as np
 
 import brdfcore as bc
-from brdfcore.errors import BrdfError
-from brdfcore.registry import FORMATS
-from tests.core.format_examples import example
-from tests.core.hostile import BAD_NUMBERS, BOMB, without_regridding
+from brdfcore.base.errors import BrdfError
+from brdfcore.base.registry import FORMATS
+from tests.support.format_examples import example
+from tests.support.hostile import BAD_NUMBERS, BOMB, without_regridding
 
 _WATCHED = (str(Path(bc.__file__).parent / "formats"), str(Path(bc.__file__).parent / "tables" / "store.py"))
 _LIMIT_SECONDS, _ADDRESS_SPACE = 2.0, 6 * 2**30

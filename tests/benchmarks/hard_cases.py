@@ -2,7 +2,7 @@
 
 Sharp and broad lobes (m = 1 to 1e-6), directions at and beside the mirror direction, retro-reflection, the pole and the
 horizon, weak and absorbing interfaces, with and without a diffuse part. The reference is the textbook formula at 60
-digits (`tests.core.oracle`) on exactly the floats that the model reads, from angles and from vectors separately.
+digits (`tests.support.oracle`) on exactly the floats that the model reads, from angles and from vectors separately.
 
 Printed for each model and option, the largest error by each goal, and where it was met:
 - float64: of |f| where |f| >= 1e-290; where phong and oren_nayar cross 0, of max(|f|, 1e-3 peak). Goal 1e-12.

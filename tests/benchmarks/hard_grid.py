@@ -12,9 +12,9 @@ import mpmath as mp
 import numpy as np
 
 import brdfcore as bc
-from brdfcore import geometry
-from brdfcore.registry import MODELS as REGISTRY
-from tests.core import oracle
+from brdfcore.base import geometry
+from brdfcore.base.registry import MODELS as REGISTRY
+from tests.support import oracle
 
 HALF_PI = float(np.pi / 2)
 EPS = float(np.finfo(np.float64).eps)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import sph_harm_y_all
 
 import brdfcore as bc
-from brdfcore.expand import norm_distance
+from brdfcore.build.project import norm_distance
 from brdfcore.harmonics.irradiance import irradiance_factors, kernel_energy
 from brdfcore.harmonics.legendre import legendre
 from brdfcore.harmonics.projection import expanded, projected

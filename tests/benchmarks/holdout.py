@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.formats import astm, csv_file
-from brdfcore.formats.measurements import Measurements, to_brdf
-from brdfcore.parameters import resolve
-from brdfcore.status import Status
+from brdfcore.base.parameters import resolve
+from brdfcore.base.status import Status
+from brdfcore.formats import astm
+from brdfcore.formats.base.measurements import Measurements, to_brdf
+from brdfcore.formats.csv import format as csv_file
 from tests.shared import FOLDER
 
 #: What each file's header does not say.

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 import numpy as np
 
 import brdfcore as bc
-from brdfcore.conventions import FloatArray
-from brdfcore.kernels import launch
-from brdfcore.tables.sampled import INTERPOLATIONS
+from brdfcore.base.conventions import FloatArray
+from brdfcore.kernels.machine import launch
+from brdfcore.tables.base.sampled import INTERPOLATIONS
 from tests import shared
 from tests.benchmarks.timing import interleaved, machine
 

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 import brdfcore as bc
-from brdfcore.kernels import launch
+from brdfcore.kernels.machine import launch
 from brdfcore.tables.angle_grid import AngleGrid
 from tests.benchmarks.timing import Spread, interleaved, machine, per_call, ratio
 

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 import brdfcore as bc
-from brdfcore.formats.base import LossWarning
-from brdfcore.kernels import launch
+from brdfcore.formats.base.format import LossWarning
+from brdfcore.kernels.machine import launch
 from tests import shared
 from tests.benchmarks.accuracy import reference_l1
 from tests.benchmarks.interpolation import Folded

@@ -19,10 +19,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import brdfcore as bc
-from brdfcore.parameters import Parameter
+from brdfcore.base.parameters import Parameter
+from brdfcore.base.registry import MODELS
 from brdfcore.plot import style
 from brdfcore.plot.rendering import drawing, render
-from brdfcore.registry import MODELS
 
 WEB = Path(__file__).parents[2] / "app" / "web"
 THETA_I = np.radians([0.0, 30.0, 60.0])

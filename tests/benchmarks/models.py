@@ -29,9 +29,9 @@ from typing import Any
 import numpy as np
 
 import brdfcore as bc
-from brdfcore import geometry
-from brdfcore.directions import mixture
-from brdfcore.kernels import blocks, launch
+from brdfcore.base import geometry
+from brdfcore.base.directions import mixture
+from brdfcore.kernels.machine import blocks, launch
 from tests.benchmarks.timing import interleaved, machine, ratio
 
 GOLD = (0.370, 2.820)

@@ -20,9 +20,9 @@ from matplotlib.patches import Polygon
 
 import brdfcore as bc
 from brdfcore import metrics
+from brdfcore.base.quadrature import integrate_hemisphere
 from brdfcore.plot import style
 from brdfcore.plot.rendering import drawing, render
-from brdfcore.quadrature import integrate_hemisphere
 
 Array = npt.NDArray[np.float64]
 

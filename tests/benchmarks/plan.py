@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 import brdfcore as bc
-from brdfcore.analysis.tabulating import USUAL
-from brdfcore.analysis.timing import look_up_maker, machine, time_all
-from brdfcore.tables.base import BuildOptions
+from brdfcore.analysis.pareto.tabulating import USUAL
+from brdfcore.analysis.pareto.timing import look_up_maker, machine, time_all
+from brdfcore.tables.base.seen import EVERYWHERE, Seen
+from brdfcore.tables.base.table import BuildOptions
 from brdfcore.tables.half_difference import HalfDifference
-from brdfcore.tables.seen import EVERYWHERE, Seen
 from tests import shared
 
 
@@ -59,7 +59,7 @@ def remeasured(choice: Any, folder: Path, seed: int) -> tuple[float, float]:
     """(L1, standard error) of a built file over the angles seen, from cosine-distributed and mirrored directions."""
     low_i, high_i = np.radians(choice["light"])
     low_o, high_o = np.radians(choice["view"])
-    from brdfcore.directions import mixture
+    from brdfcore.base.directions import mixture
 
     drawn = mixture(400_000, seed, cosine_share=0.4)
     used = (drawn.weight > 0) & (drawn.theta_i >= low_i) & (drawn.theta_i <= high_i)
@@ -124,8 +124,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keep", type=Path, help="folder for what is built; default: a temporary one")
     given = parser.parse_args()
-    from brdfcore.analysis.plan import plan
-    from brdfcore.analysis.plan_build import build
+    from brdfcore.analysis.plan.build import build
+    from brdfcore.analysis.plan.plan import plan
 
     print(machine())
     with tempfile.TemporaryDirectory() as temporary:

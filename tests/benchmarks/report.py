@@ -13,8 +13,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from brdfcore.analysis.entries import Entry
-from brdfcore.analysis.pareto import Pareto
+from brdfcore.analysis.pareto.entries import Entry
+from brdfcore.analysis.pareto.pareto import Pareto
 from brdfcore.cli.arguments import load
 from brdfcore.reporting import words
 from brdfcore.reporting.markdown import measured_on, summary

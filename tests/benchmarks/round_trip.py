@@ -13,8 +13,8 @@ import warnings
 from pathlib import Path
 
 import brdfcore as bc
-from brdfcore.formats.base import LossWarning
-from brdfcore.registry import FORMATS
+from brdfcore.base.registry import FORMATS
+from brdfcore.formats.base.format import LossWarning
 from tests.shared import FOLDER
 
 _DIRECTIONS = 40_000

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 import brdfcore as bc
-from brdfcore.geometry import vectors_from_angles
-from brdfcore.kernels import launch
+from brdfcore.base.geometry import vectors_from_angles
+from brdfcore.kernels.machine import launch
 from tests import shared
 from tests.benchmarks.accuracy import reference_l1
 from tests.benchmarks.timing import interleaved, machine, ratio

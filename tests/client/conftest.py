@@ -12,8 +12,8 @@ from brdf_service.settings import Settings
 
 import brdfcore as bc
 from brdfcore.client import Client
-from brdfcore.formats.tensor_file import encode
-from tests.core.rgl_synthetic import fields_of
+from brdfcore.formats.rgl.tensor_file import encode
+from tests.support.rgl_synthetic import fields_of
 
 MODELS = {
     "gold": {"model": "cook_torrance", "parameters": {"roughness": 0.2, "ior": "gold"}},

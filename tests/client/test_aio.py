@@ -14,8 +14,8 @@ from brdf_service.settings import Settings
 
 import brdfcore as bc
 from brdfcore import testing
+from brdfcore.base.errors import InputError, UnknownNameError
 from brdfcore.client import AsyncClient, Client, DeadlineError, ServiceError
-from brdfcore.errors import InputError, UnknownNameError
 from tests.client.conftest import NAMES
 from tests.client.scripted import FACTS, Said, grey_service, in_turn, say_json
 

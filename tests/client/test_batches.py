@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from brdfcore.base.errors import InputError, LimitError
 from brdfcore.client import Client, ServiceError
-from brdfcore.errors import InputError, LimitError
 from tests.client.scripted import FACTS, Said, Scripted, grey_service, say_json
 
 

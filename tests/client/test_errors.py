@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 import brdfcore as bc
-from brdfcore.client import AccessError, Client, RemoteBrdf, ServiceError
-from brdfcore.client.errors import error_of
-from brdfcore.errors import (
+from brdfcore.base.errors import (
     BrdfError,
     FileFormatError,
     InputError,
@@ -20,6 +18,8 @@ from brdfcore.errors import (
     StorageError,
     UnknownNameError,
 )
+from brdfcore.client import AccessError, Client, RemoteBrdf, ServiceError
+from brdfcore.client.errors import error_of
 from tests.client.scripted import FACTS, Scripted, say_json, say_problem
 
 HALF_PI = np.pi / 2

@@ -15,12 +15,12 @@ from brdf_service.main import create_app
 from brdf_service.settings import Settings
 
 import brdfcore as bc
+from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError, UnknownNameError
 from brdfcore.client import AccessError, AsyncClient, Client, DeadlineError, JobError
-from brdfcore.errors import FileFormatError, InputError, LimitError, StorageError, UnknownNameError
-from brdfcore.formats.tensor_file import encode
+from brdfcore.formats.rgl.tensor_file import encode
 from tests.client.conftest import NAMES
 from tests.client.scripted import FACTS, Said, Scripted, in_turn, say_json
-from tests.core.rgl_synthetic import fields_of
+from tests.support.rgl_synthetic import fields_of
 
 
 def test_the_list(client: Client, local: dict[str, bc.Brdf]) -> None:

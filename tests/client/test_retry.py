@@ -13,10 +13,10 @@ from typing import Any
 import httpx2
 import pytest
 
+from brdfcore.base.errors import InputError, UnknownNameError
 from brdfcore.client import AccessError, Client, DeadlineError, ServiceError
 from brdfcore.client.calls import Call
 from brdfcore.client.retry import Attempts, RetryPolicy, retry_after
-from brdfcore.errors import InputError, UnknownNameError
 from tests.client.scripted import FACTS, Asked, Said, Scripted, in_turn, say_json, say_problem
 
 

@@ -1,0 +1,1 @@
+"""Is a material physically possible, and what would make it so."""

@@ -1,0 +1,1 @@
+"""Gloss and haze as instruments measure them."""

@@ -1,0 +1,1 @@
+"""Speed against error: every representation of a material, built, measured and compared."""

@@ -1,0 +1,1 @@
+"""What the materials of a scene need within one budget."""

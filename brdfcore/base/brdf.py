@@ -1,0 +1,368 @@
+"""The one signature of everything that can be evaluated: models, measured files, tables, remote materials."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.base import conventions
+from brdfcore.base.conventions import FloatArray, Outside
+from brdfcore.base.errors import InputError, UnknownNameError
+from brdfcore.base.geometry import angles_from_vectors
+from brdfcore.base.quadrature import integrate_hemisphere
+from brdfcore.base.status import Status
+
+ChannelKind = Literal["name", "wavelength"]
+
+#: Estimated error of an albedo, relative to max(1, albedo), at which `Brdf.albedo` is content, and the evaluations an
+#: angle that it may spend on getting there.
+ALBEDO_TOLERANCE = 5e-7
+ALBEDO_BUDGET = 400_000
+#: The tolerance for tables and measurements. Interpolated values have kinks everywhere, across which the estimate is 10
+#: to 100 times the error: measured ones end within 1.4e-4 of the truth, after a tenth of the budget.
+DATA_ALBEDO_TOLERANCE = 1e-3
+#: Albedos that an analytic model remembers, one an angle and precision.
+ALBEDOS_KEPT = 1024
+
+
+#: Largest wavelength a channel may have, nm: a kilometre.
+LONGEST_WAVE = 1e12
+
+
+class Channels(tuple[Any, ...]):
+    """Immutable tuple of channel names ("R", "G", "B"; "value") or wavelengths in nm, with its kind."""
+
+    kind: ChannelKind
+
+    def __new__(cls, items: Iterable[str | float], kind: ChannelKind | None = None) -> Channels:
+        listed = list(items)
+        found: ChannelKind = "name" if all(isinstance(x, str) for x in listed) else "wavelength"
+        kind = kind or found
+        if not listed or kind not in ("name", "wavelength") or (kind == "name") != (found == "name"):
+            raise InputError(
+                "bad_channels",
+                f"channels: expected names, or wavelengths in nm, at least one; got {listed!r} as {kind}",
+                where="channels",
+            )
+        if kind == "wavelength":
+            numbers = [x for x in listed if isinstance(x, (int, float, np.number)) and not isinstance(x, bool)]
+            # compared before it is converted: a whole number may be too large for any float
+            if len(numbers) < len(listed) or not all(0 < x <= LONGEST_WAVE for x in numbers):
+                raise InputError("bad_channels", "channels: a wavelength is a positive number of nm", where="channels")
+            listed = [float(x) for x in numbers]
+        if len(set(listed)) != len(listed):
+            raise InputError("bad_channels", f"channels: each only once; got {listed!r}", where="channels")
+        self = super().__new__(cls, listed)
+        self.kind = kind
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Channels, (tuple(self), self.kind))
+
+    def find(self, name: str | float) -> int:
+        """Index of a channel by name, wavelength (also as text) or position "0", "1", ..."""
+        text = str(name)
+        for i, channel in enumerate(self):
+            if channel == name or text in (str(channel), f"{channel:g}" if self.kind == "wavelength" else channel):
+                return i
+        # isdigit alone is true of "²", which is no number to int
+        if text.isascii() and text.isdigit() and len(text) < 10 and int(text) < len(self):
+            return int(text)
+        listed = ", ".join(str(c) for c in self)
+        raise UnknownNameError(
+            "unknown_channel",
+            f"no channel {text[:40]!r}; this material has: {listed}",
+            where="channel",
+            got=text[:40],
+            expected=listed,
+        )
+
+    def labels(self) -> list[str]:
+        """What a legend prints: "R", or "550 nm"."""
+        return [f"{c:g} nm" if self.kind == "wavelength" else str(c) for c in self]
+
+    def to_json(self) -> list[Any]:
+        return list(self)
+
+    @staticmethod
+    def common(a: Channels, b: Channels) -> Channels:
+        """Channels of a combination: one channel broadcasts against many, otherwise they must be equal."""
+        if a == b and a.kind == b.kind:
+            return a
+        if len(a) == 1 or len(b) == 1:
+            return b if len(a) == 1 else a
+        raise InputError(
+            "channels_differ",
+            f"channels differ: {list(a)} and {list(b)}; "
+            "combine materials with equal channels, or one of them with a single channel",
+            where="channels",
+            got=list(b),
+            expected=list(a),
+        )
+
+
+VALUE = Channels(("value",))
+RGB = Channels(("R", "G", "B"))
+
+
+class Brdf(ABC):
+    """A bidirectional reflectance distribution function f_r(theta_i, theta_o, delta_phi), isotropic.
+
+    Attributes
+    ----------
+    channels : Channels
+        What the last axis of every value array means.
+    bilateral, reciprocal, energy_conserving, non_negative : bool
+        f even in delta_phi; f equal with the directions swapped; albedo <= 1; f >= 0. Declared by a model,
+        measured for data.
+    has_delta : bool
+        True if a perfect mirror part exists; `evaluate` leaves it out, `delta_reflectance` gives it.
+    metadata, report : mappings
+        JSON-ready facts about the source; what an import found and what it did about it.
+    """
+
+    channels: Channels = VALUE
+    bilateral: bool = True
+    reciprocal: bool = True
+    energy_conserving: bool = True
+    non_negative: bool = True
+    has_delta: bool = False
+    #: True if `_evaluate` notices inputs outside the plain domain itself (compiled kernels do, in the same pass).
+    _checks_domain: bool = False
+    #: True if `_evaluate_raw_vectors` exists: vectors of any length, in their own type, checked in the same pass.
+    _takes_vectors: bool = False
+    #: True if f is a formula, smooth but for few kinks: the albedo is then refined until its error is small.
+    _analytic: bool = False
+    #: True if f is stored and never changes while the object lives: albedos are kept, as those of a formula are.
+    _fixed: bool = False
+
+    def __init__(self) -> None:
+        self.metadata: dict[str, Any] = {}
+        self.report: dict[str, Any] = {}
+        self._albedos: dict[tuple[float, ...], tuple[FloatArray, FloatArray]] = {}
+
+    # ---- what an entry implements -------------------------------------------------------------
+
+    @abstractmethod
+    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        """Write f_r of n pairs into `out` (n, channels); inputs (n,), contiguous, of one float dtype.
+
+        Returns True if every input was in the plain domain: theta in [0, pi/2], |delta_phi| <= 3 pi, no NaN.
+        An entry that does not look (`_checks_domain` False) is only given such inputs and returns True.
+        """
+
+    def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
+        """f_r of unit vectors (n, 3), float64, both with z > 0, into `out` (n, channels)."""
+        theta_i, theta_o, delta_phi = (x.astype(out.dtype, copy=False) for x in angles_from_vectors(wi, wo))
+        self._evaluate(theta_i, theta_o, delta_phi, out)
+
+    def _evaluate_raw_vectors(self, wi: FloatArray, wo: FloatArray, out: FloatArray) -> bool:
+        """f_r of vectors as they were given, (n, 3) contiguous, of the type of `out`; 0 where z <= 0.
+
+        Returns True if every vector was finite, not zero, and of a squared length within [1e-12, 1e12].
+        """
+        raise NotImplementedError
+
+    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
+        """Status of n pairs inside the domain."""
+        return np.full(theta_i.shape, Status.MEASURED, np.uint8)
+
+    def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Reflectance of the mirror part, (n,) -> (n, channels)."""
+        return np.zeros((theta_i.size, len(self.channels)))
+
+    # ---- the public signature -----------------------------------------------------------------
+
+    def evaluate(
+        self,
+        theta_i: npt.ArrayLike,
+        theta_o: npt.ArrayLike,
+        delta_phi: npt.ArrayLike,
+        *,
+        out: FloatArray | None = None,
+        outside: Outside = "raise",
+    ) -> FloatArray:
+        """f_r in 1/sr, without the cosine and without the delta part.
+
+        Parameters
+        ----------
+        theta_i, theta_o : array_like
+            Polar angles of light and viewer, radians, [0, pi/2]. They broadcast with delta_phi.
+        delta_phi : array_like
+            phi_o - phi_i, radians, any finite number; the mirror direction is pi.
+        out : ndarray, optional
+            Result array of exactly the result's shape and dtype. After an error its contents are undefined.
+        outside : {"raise", "nan", "clip"}
+            What angles outside the domain mean; see `conventions`.
+
+        Returns
+        -------
+        ndarray, shape broadcast(theta_i, theta_o, delta_phi) + (channels,)
+            float32 if all inputs are float32, else float64.
+
+        Raises
+        ------
+        InputError
+            An angle is NaN, infinite or past the horizon (names argument, index and value); shapes do not
+            broadcast; `out` does not fit.
+        """
+        if out is None and outside == "raise":
+            one = conventions.plain_floats(theta_i, theta_o, delta_phi)
+            if one is not None:  # the same bits as of arrays, without the checks of arrays: a third of the time
+                single = np.empty((1, len(self.channels)))
+                self._evaluate(one[0:1], one[1:2], one[2:3], single)
+                return single.reshape(-1)
+        angles = conventions.flatten_angles(theta_i, theta_o, delta_phi)
+        count = len(self.channels)
+        values = conventions.prepare_out(out, (*angles.shape, count), angles.theta_i.dtype)
+        # kernels may read an input after writing the result of another point: never where they share memory
+        direct = values.flags.carray and (out is None or not any(np.may_share_memory(out, x) for x in angles[:3]))
+        flat = values.reshape(-1, count) if direct else np.empty((angles.theta_i.size, count), values.dtype)
+        if not (self._checks_domain and outside == "raise" and self._evaluate(*angles[:3], flat)):
+            angles = conventions.check_domain(angles, outside)
+            self._evaluate(*angles[:3], flat)
+            if angles.outside is not None:
+                flat[angles.outside] = np.nan
+        if not direct:
+            values[...] = flat.reshape(values.shape)
+        return values
+
+    def evaluate_vectors(self, wi: npt.ArrayLike, wo: npt.ArrayLike, *, out: FloatArray | None = None) -> FloatArray:
+        """f_r in 1/sr from directions of shape (..., 3), normal +z; exactly 0 where either has z <= 0.
+
+        Vectors need not be unit. A zero, NaN or infinite vector is an `InputError`. Result shape is the
+        broadcast shape without the last axis + (channels,); float32 if both inputs are float32.
+        """
+        if self._takes_vectors:
+            return self._evaluate_in_place(wi, wo, out)
+        vectors = conventions.flatten_vectors(wi, wo)
+        count = len(self.channels)
+        values = conventions.prepare_out(out, (*vectors.shape, count), vectors.dtype)
+        above = (vectors.wi[:, 2] > 0) & (vectors.wo[:, 2] > 0)
+        flat = np.zeros((above.size, count), values.dtype)
+        if above.all():
+            self._evaluate_vectors(vectors.wi, vectors.wo, flat)
+        elif above.any():
+            some = np.empty((int(above.sum()), count), values.dtype)
+            self._evaluate_vectors(vectors.wi[above], vectors.wo[above], some)
+            flat[above] = some
+        values[...] = flat.reshape(values.shape)
+        return values
+
+    def _evaluate_in_place(self, wi: npt.ArrayLike, wo: npt.ArrayLike, out: FloatArray | None) -> FloatArray:
+        """`evaluate_vectors` by `_evaluate_raw_vectors`: no copies of vectors that can be read as they are."""
+        vectors = conventions.raw_vectors(wi, wo)
+        count = len(self.channels)
+        values = conventions.prepare_out(out, (*vectors.shape, count), vectors.dtype)
+        shared = out is not None and any(np.may_share_memory(out, v) for v in (vectors.wi, vectors.wo))
+        direct = values.flags.carray and not shared
+        flat = values.reshape(-1, count) if direct else np.empty((len(vectors.wi), count), values.dtype)
+        if not self._evaluate_raw_vectors(vectors.wi, vectors.wo, flat):
+            usable = conventions.scaled_vectors(vectors)
+            self._evaluate_raw_vectors(usable.wi, usable.wo, flat)
+        if not direct:
+            values[...] = flat.reshape(values.shape)
+        return values
+
+    def status(self, theta_i: npt.ArrayLike, theta_o: npt.ArrayLike, delta_phi: npt.ArrayLike) -> npt.NDArray[np.uint8]:
+        """Where each value comes from: `Status` codes, uint8, of the broadcast shape. OUTSIDE never raises."""
+        angles = conventions.check_domain(conventions.flatten_angles(theta_i, theta_o, delta_phi), "nan")
+        codes = self._status(*angles[:3])
+        if angles.outside is not None:
+            codes = np.where(angles.outside, np.uint8(Status.OUTSIDE), codes)
+        return codes.reshape(angles.shape)
+
+    def delta_reflectance(self, theta_i: npt.ArrayLike) -> FloatArray:
+        """Reflectance of the perfect mirror part, in [0, 1]; shape theta_i.shape + (channels,), float64."""
+        angles = conventions.check_domain(conventions.flatten_angles(theta_i, 0.0, 0.0))
+        values = self._delta_reflectance(np.minimum(angles.theta_i.astype(np.float64), conventions.HALF_PI))
+        return values.reshape((*angles.shape, len(self.channels)))
+
+    def albedo(self, theta_i: npt.ArrayLike, *, points: int = 12, azimuths: int = 64) -> FloatArray:
+        """Directional-hemispherical reflectance int f_r cos_o dwo, the delta part included.
+
+        Quadrature over the half vector, graded towards the mirror direction (`quadrature.hemisphere_rule`); `points`
+        and `azimuths` set the size of its panels, which are halved until the estimated error is below 5e-7 of
+        max(1, albedo) for an analytic model, 1e-3 for anything else, or 4e5 evaluations an angle are spent. The error
+        itself is far smaller (`albedo_error`). Shape theta_i.shape + (channels,), float64.
+        """
+        return self._albedo(theta_i, points, azimuths, None, ALBEDO_BUDGET)[0]
+
+    def albedo_error(
+        self, theta_i: npt.ArrayLike, *, tolerance: float = ALBEDO_TOLERANCE, budget: int = ALBEDO_BUDGET
+    ) -> tuple[FloatArray, FloatArray]:
+        """(albedo, its estimated error): panels are halved until the estimate is below `tolerance` max(1, albedo).
+
+        Ends earlier when `budget` evaluations an angle are spent: the estimate says how far it came. The estimate is
+        well above the error where f is smooth. Both of shape theta_i.shape + (channels,), float64.
+        """
+        return self._albedo(theta_i, 12, 64, tolerance, budget)
+
+    def _albedo(
+        self, theta_i: npt.ArrayLike, points: int, azimuths: int, tolerance: float | None, budget: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """(albedo, estimated error); tolerance None: the entry's own."""
+        if tolerance is None:
+            tolerance = ALBEDO_TOLERANCE if self._analytic else DATA_ALBEDO_TOLERANCE
+        angles = conventions.check_domain(conventions.flatten_angles(theta_i, 0.0, 0.0))
+        thetas = np.minimum(angles.theta_i.astype(np.float64), conventions.HALF_PI)
+        values = np.array(self._delta_reflectance(thetas))
+        errors = np.zeros_like(values)
+        for k, theta in enumerate(thetas):
+            key = (float(theta), points, azimuths, tolerance, budget)
+            found = self._albedos.get(key)
+            if found is None:
+                found = integrate_hemisphere(
+                    partial(self.evaluate, theta),
+                    key[0],
+                    points=points,
+                    azimuths=azimuths,
+                    bilateral=self.bilateral,
+                    tolerance=tolerance,
+                    budget=budget,
+                )
+                # refining costs tens of milliseconds an angle, and comparing one material with several tables asks
+                # for the same angles each time
+                if (self._analytic or self._fixed) and len(self._albedos) < ALBEDOS_KEPT:
+                    self._albedos[key] = found
+            values[k] += found[0]
+            errors[k] = found[1]
+        shape = (*angles.shape, len(self.channels))
+        return values.reshape(shape), errors.reshape(shape)
+
+    def describe(self) -> dict[str, Any]:
+        """JSON-ready facts: channels, flags, metadata."""
+        return {
+            "channels": self.channels.to_json(),
+            "channel_kind": self.channels.kind,
+            "bilateral": self.bilateral,
+            "reciprocal": self.reciprocal,
+            "energy_conserving": self.energy_conserving,
+            "non_negative": self.non_negative,
+            "has_delta": self.has_delta,
+            "metadata": dict(self.metadata),
+        }
+
+    #: So that numpy leaves `array * brdf` to `__rmul__`; it would make an array of objects.
+    __array_ufunc__ = None
+
+    def __add__(self, other: object) -> Brdf:
+        from brdfcore.base.combined import Sum
+
+        return Sum(self, other) if isinstance(other, Brdf) else NotImplemented
+
+    def __radd__(self, other: object) -> Brdf:
+        # sum() begins with 0
+        return self if isinstance(other, int) and other == 0 else NotImplemented
+
+    def __mul__(self, factor: Any) -> Brdf:
+        from brdfcore.base.combined import Scaled
+
+        return NotImplemented if isinstance(factor, Brdf) else Scaled(self, factor)
+
+    __rmul__ = __mul__

@@ -1,0 +1,37 @@
+"""Models, representations and formats by name, with their parameters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.parameters import Parameter
+from brdfcore.base.registry import FORMATS, MODELS, REPRESENTATIONS, Registry
+
+
+def model(name: str, /, **parameters: Any) -> Brdf:
+    """An analytic model: `model("cook_torrance", roughness=0.1, ior="gold")`.
+
+    Raises `UnknownNameError` for an unknown model or parameter, `InputError` for a value out of bounds.
+    """
+    made: Brdf = MODELS.load(name)(**parameters)
+    return made
+
+
+def models() -> dict[str, tuple[Parameter, ...]]:
+    """Every analytic model with its parameters."""
+    return _parameters(MODELS)
+
+
+def representations() -> dict[str, tuple[Parameter, ...]]:
+    """Every table representation with what `tabulate` may be asked for."""
+    return _parameters(REPRESENTATIONS)
+
+
+def formats() -> dict[str, tuple[Parameter, ...]]:
+    """Every file format with the options of its reader."""
+    return _parameters(FORMATS)
+
+
+def _parameters(registry: Registry) -> dict[str, tuple[Parameter, ...]]:
+    return {name: registry.load(name).PARAMETERS for name in registry}

@@ -1,0 +1,1 @@
+"""Tables and expansions made of any `Brdf`: choose, build, measure."""

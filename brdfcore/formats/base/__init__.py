@@ -1,0 +1,1 @@
+"""What formats share: their class, rows of text, scattered measurements, reports of an import."""

@@ -1,0 +1,1 @@
+"""Scattered measurements as rows of numbers, by columns."""

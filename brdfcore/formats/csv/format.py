@@ -1,0 +1,234 @@
+"""Columns of a text table: each is named by an option, or by a header that leaves nothing to guess."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.base.atomic import replacing
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.errors import InputError
+from brdfcore.base.parameters import Parameter, resolve
+from brdfcore.formats.base.format import Format
+from brdfcore.formats.base.measurements import POLICIES, Measurements, not_scattered, to_brdf
+from brdfcore.formats.base.text_rows import TextFile
+from brdfcore.formats.csv.columns import Columns, columns_of, split_list
+from brdfcore.tables.scattered.table import Scattered
+
+Float64Array = npt.NDArray[np.float64]
+
+_TITLE = "# BRDF measurements"
+_WAVELENGTH = re.compile(r"(?:f_r_)?(\d+(?:\.\d*)?(?:e[-+]?\d+)?)\s*(nm|um)", re.IGNORECASE)
+_QUANTITIES = {
+    "f": "f_r in 1/sr, without the cosine",
+    "f_cos": "f_r cos(theta_o); divided by the cosine on reading",
+    "pi_f": "pi f_r; divided by pi on reading",
+}
+
+
+def _text(name: str, meaning: str) -> Parameter:
+    return Parameter(name, "", meaning, None, kind="text")
+
+
+class CsvFormat(Format):
+    """Scattered measurements in columns, separated by commas, semicolons, tabs or blanks; # begins a comment.
+
+    A header of theta_i_deg, theta_o_deg, delta_phi_deg (or _rad) and f_r_NAME or f_r_550nm says all: so are files
+    written here and by `brdf eval --csv`. Of any other the columns (by name, or by number from 1), the unit of the
+    angles, the azimuth of the mirror direction and the quantity have to be given; what is missing is an error that
+    names the option. Read to a `scattered` table.
+    """
+
+    name = "csv"
+    SUMMARY = "scattered measurements in columns, mapped by options (text)"
+    EXTENSIONS = (".csv",)
+    PARAMETERS = (
+        _text("theta_i", "column of the light's polar angle: its name, or its number from 1"),
+        _text("phi_i", "column of the light's azimuth; not given: 0"),
+        _text("theta_o", "column of the viewer's polar angle"),
+        _text("phi_o", "column of the viewer's azimuth"),
+        _text("delta_phi", "column of phi_o - phi_i, instead of the azimuths"),
+        _text("value", "column of the value, or [several], one a channel"),
+        _text("channels", "names or wavelengths (as 550nm) of the value columns, as [R,G,B]; not given: the header's"),
+        _text("wavelength", "column of the wavelength: each row is one channel of a geometry"),
+        Parameter(
+            "wavelength_unit", "", "of that column", "nm", kind="choice", choices=("nm", "um"),
+        ),
+        Parameter("angles", "", "unit of the angles; not given: the header's", None, kind="choice",
+                  choices=("deg", "rad")),
+        Parameter("mirror", "", "phi_o - phi_i of the mirror direction; not given: 180 where the header says delta_phi",
+                  None, bounds=(-360, 360), unit="degrees", per_channel=False),
+        Parameter("quantity", "", "what the values are", None, kind="choice", choices=tuple(_QUANTITIES)),
+        Parameter(
+            "invalid", "", "rows with a value that is not finite", "drop", kind="choice", choices=("drop", "error")
+        ),
+        *POLICIES,
+    )  # fmt: skip
+    writable = True
+
+    def sniff(self, head: bytes) -> bool:
+        """Rows of numbers, or a header naming angles: the first line that is no comment decides."""
+        if b"\0" in head or not head.strip():
+            return False
+        lines = head.decode("latin-1").splitlines()
+        rows = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+        if not rows:
+            return lines[0].startswith(_TITLE)
+        cells = re.split(r"[,;\t]|\s+", rows[0].strip().lower())
+        if len(cells) < 4 or rows[0].lstrip()[:1] in "{[<":
+            return False
+        if any("theta" in c for c in cells) or any(c.startswith("f_r") for c in cells):
+            return not rows[0].startswith("VARS")
+        return all(re.fullmatch(r"[-+0-9.e]+|nan|inf", c) for c in cells if c)
+
+    def read(self, path: Path, **options: Any) -> Brdf:
+        """Read a file; raises `FileFormatError` naming file, line and field, `StorageError` if it can't be opened."""
+        chosen = resolve("format 'csv'", self.PARAMETERS, options)
+        policies = {p.name: chosen[p.name] for p in POLICIES}
+        return to_brdf(measurements_of(path, chosen), **policies)
+
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+        """Write the measured geometries of a `scattered` table; `InputError` for anything else."""
+        if not isinstance(brdf, Scattered):
+            raise not_scattered(brdf, "a CSV file of measurements")
+        names = [f"{c:.17g}nm" if brdf.channels.kind == "wavelength" else str(c) for c in brdf.channels]
+        if any(re.search(r"[,;\t#\"]|^\s|\s$", name) or not name.isascii() or not name.isprintable() for name in names):
+            raise InputError("bad_channels", f"channels {names} can't be column names", where="channels", got=names)
+        head = ["theta_i_rad", "theta_o_rad", "delta_phi_rad", *(f"f_r_{name}" for name in names)]
+        table = np.concatenate([brdf.angles, brdf.measured], axis=1).tolist()
+        lines = [
+            f"{_TITLE}: f_r in 1/sr, without the cosine; the mirror direction is delta_phi = pi",
+            f"# rows: {len(table)}",
+            ",".join(head),
+            *(",".join(map(repr, row)) for row in table),
+        ]
+        with replacing(path) as temporary:
+            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def measurements_of(path: Path, chosen: dict[str, Any]) -> Measurements:
+    """The rows of a file of columns; `chosen`: every option of `CsvFormat`."""
+    text = TextFile(path)
+    columns = columns_of(text, chosen)
+    rows = columns.numbers
+    angle = {name: columns.column(name) for name in ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi")}
+    values = columns.values()
+    done: list[str] = []
+    degrees = columns.angles == "deg"
+    if columns.quantity == "f_cos":
+        cosine = np.cos(np.radians(angle["theta_o"]) if degrees else angle["theta_o"])
+        at_horizon = np.flatnonzero(~(np.abs(cosine) > 1e-6))
+        if at_horizon.size:
+            line = int(rows[at_horizon[0]])
+            raise text.bad(line, "theta_o", "f cos(theta_o) at the horizon, where f is 0/0", "theta_o below 90 degrees")
+        values = values / cosine[:, None]
+        done.append("values divided by cos(theta_o): the file holds f_r cos(theta_o)")
+    elif columns.quantity == "pi_f":
+        values = values / np.pi
+        done.append("values divided by pi: the file holds pi f_r")
+    channels = _channels(text, columns, chosen)
+    if chosen["wavelength"] is not None:
+        wavelengths = columns.column("wavelength") * (1000 if chosen["wavelength_unit"] == "um" else 1)
+        angle, values, rows, channels = _pivoted(text, angle, values, rows, wavelengths)
+        done.append(f"rows of {len(channels)} wavelengths joined into one a geometry")
+    scale = {"f": 1.0, "f_cos": "1/cos(theta_o)", "pi_f": 1 / np.pi}[columns.quantity]
+    return Measurements.from_columns(
+        angle["theta_i"],
+        angle["phi_i"],
+        angle["theta_o"],
+        angle["phi_o"] if chosen["delta_phi"] is None and columns.places.get("delta_phi") is None
+        else angle["delta_phi"] + angle["phi_i"],
+        values,
+        channels,
+        file=text.name,
+        format="csv",
+        lines=rows,
+        degrees=degrees,
+        mirror=columns.mirror,
+        invalid="error" if chosen["invalid"] == "error" else "drop",
+        conventions={
+            "value": _QUANTITIES[columns.quantity],
+            "angles": {"deg": "degrees", "rad": "radians"}[columns.angles],
+            "azimuth": f"phi_o - phi_i = {columns.mirror:g} degrees is the mirror direction",
+            "zenith": "a negative theta is the other side: (|theta|, phi + 180 degrees)",
+            **({} if "delta_phi" in columns.places or "phi_i" in columns.places else {"phi_i": "no column: 0"}),
+            "columns": ", ".join(f"{k} = {v}" for k, v in columns.described().items()),
+            "said by": "the file's header" if columns.own_header else "the reader's options",
+        },
+        found={"columns": columns.width, "separator": columns.separator, "scale factor": scale},
+        done=done,
+        source=text.source,
+        description=columns.title,
+    )  # fmt: skip
+
+
+def _channels(text: TextFile, columns: Columns, chosen: dict[str, Any]) -> Channels:
+    names = split_list(chosen["channels"]) if chosen["channels"] else columns.value_names()
+    if len(names) != len(columns.value_places):
+        raise text.bad(
+            columns.header_line,
+            "channels",
+            f"channels={chosen['channels']} names {len(names)} for {len(columns.value_places)} value columns",
+            "one name or wavelength a column",
+        )
+    found = [_WAVELENGTH.fullmatch(name) for name in names]
+    try:
+        if all(found):
+            return Channels([float(m[1]) * (1000 if m[2].lower() == "um" else 1) for m in found if m], "wavelength")
+        return Channels([name.removeprefix("f_r_") or name for name in names])
+    except InputError as error:
+        raise text.bad(columns.header_line, "channels", error.detail[:200], "different names or wavelengths") from error
+
+
+def _pivoted(
+    text: TextFile,
+    angle: dict[str, Float64Array],
+    values: Float64Array,
+    rows: npt.NDArray[np.int64],
+    wavelengths: Float64Array,
+) -> tuple[dict[str, Float64Array], Float64Array, npt.NDArray[np.int64], Channels]:
+    """One row a geometry with a channel a wavelength; every geometry must have been measured at each, as often.
+
+    The k-th row of a geometry at one wavelength belongs to the k-th at the others.
+    """
+    bad = ~((wavelengths > 0) & (wavelengths < 1e9))
+    if bad.any():
+        raise text.bad(int(rows[np.flatnonzero(bad)[0]]), "wavelength", "no wavelength", "a positive number")
+    if values.shape[1] != 1:
+        raise text.bad(1, "value", f"{values.shape[1]} value columns beside a wavelength column", "one")
+    bands, band = np.unique(np.round(wavelengths, 9), return_inverse=True)
+    band = band.reshape(-1)
+    if bands.size > 4_096:
+        raise text.bad(1, "wavelength", f"{bands.size} different wavelengths", "at most 4096")
+    geometry = np.stack(list(angle.values()), axis=1)
+    group = np.unique(geometry, axis=0, return_inverse=True)[1].reshape(-1)
+    order = np.lexsort((np.arange(band.size), band, group))
+    ranks = np.empty(band.size, np.int64)  # number of the row among those of its geometry and wavelength
+    key = group[order] * bands.size + band[order]
+    start = np.concatenate([[True], key[1:] != key[:-1]])
+    ranks[order] = np.arange(key.size) - np.maximum.accumulate(np.where(start, np.arange(key.size), 0))
+    cell = group * (int(ranks.max()) + 1) + ranks
+    cells, first, cell, count = np.unique(cell, return_index=True, return_inverse=True, return_counts=True)
+    lacking = np.flatnonzero(count < bands.size)
+    if lacking.size:
+        at = int(first[lacking[0]])
+        raise text.bad(
+            int(rows[at]),
+            "wavelength",
+            f"this geometry is there for {int(count[lacking[0]])} of {bands.size} wavelengths; {lacking.size} such",
+            "every geometry at every wavelength",
+        )
+    table = np.empty((cells.size, bands.size))
+    table[cell.reshape(-1), band] = values[:, 0]
+    kept = np.argsort(first)
+    table, first = table[kept], first[kept]
+    return (
+        {name: column[first] for name, column in angle.items()},
+        table,
+        rows[first],
+        Channels(bands.tolist(), "wavelength"),
+    )

@@ -1,0 +1,1 @@
+"""Files of any format: told apart, read, written, converted."""

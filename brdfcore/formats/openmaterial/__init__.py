@@ -1,0 +1,1 @@
+"""ASAM OpenMATERIAL 3D reflectance tables."""

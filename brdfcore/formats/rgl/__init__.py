@@ -1,0 +1,1 @@
+"""RGL .bsdf files."""

@@ -1,0 +1,1 @@
+"""Zemax tabular BSDF files."""

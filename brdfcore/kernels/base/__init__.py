@@ -1,0 +1,1 @@
+"""Compiled counterparts of `brdfcore.base`."""

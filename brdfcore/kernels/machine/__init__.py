@@ -1,0 +1,1 @@
+"""What kernels are made with: compile, launch on one core or all, vectors, elementary functions."""

@@ -1,0 +1,1 @@
+"""Fast tiers of `brdfcore.models`."""

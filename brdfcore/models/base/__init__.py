@@ -1,0 +1,1 @@
+"""What models share: their class, Fresnel reflectance, microfacets, optical constants."""

@@ -1,0 +1,1 @@
+"""What representations share: their class, the angles they are made for, lattices."""

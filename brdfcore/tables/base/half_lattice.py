@@ -1,0 +1,190 @@
+"""What tables over half/difference coordinates share: the arrays that `kernels.tables.half_difference` reads.
+
+In these coordinates the mirror direction is one face of the lattice, theta_h = 0, so a lobe of any width lies along
+an axis (S. Rusinkiewicz, "A new change of variables for efficient BRDF representation", EGWR 1998,
+DOI 10.1007/978-3-7091-6453-2_2). How the nodes are found is each representation's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.base.brdf import Channels
+from brdfcore.base.conventions import FloatArray
+from brdfcore.base.errors import FileFormatError
+from brdfcore.tables.base.half_fit import FACTORS, Layout
+from brdfcore.tables.base.seen import EVERYWHERE, Seen
+from brdfcore.tables.base.table import Table, checked_delta, interpolated_delta
+
+#: Largest magnitude of a stored node: below float16's 65,504, so that rounding can't reach infinity.
+_LARGEST = 60_000.0
+_ARRAYS: dict[str, npt.DTypeLike] = {
+    "values": np.float16,
+    "guide_h": np.uint16,
+    "guide_d": np.uint16,
+    "map_h": np.uint16,
+    "map_d": np.uint16,
+    "map_p": np.uint16,
+}
+#: Bounds of the attributes that are numbers; the guide's exponents stay within float32's.
+_NUMBERS = {"scale": (1e-30, 1e30), "guide_low": (-75.0, 75.0), "guide_step": (0.0, 61.0 / 65_535)}
+
+
+class HalfLattice(Table):
+    """f_r = 2^(guide_h(theta_h) + guide_d(theta_d)) K(theta_i, theta_o) values(theta_h, theta_d, phi_d).
+
+    Trilinear in warped coordinates. Arrays: `tables.half_difference`; coordinates, maps and K:
+    `kernels.tables.half_difference`.
+    """
+
+    _checks_domain = True
+    _takes_vectors = True
+
+    def __init__(
+        self,
+        arrays: Mapping[str, npt.NDArray[Any]],
+        scale: float,
+        guide: tuple[float, float],
+        factor: str,
+        mirror: bool,
+        channels: Channels,
+        flags: Mapping[str, bool],
+        delta: npt.NDArray[np.float64] | None = None,
+        seen: Seen = EVERYWHERE,
+    ) -> None:
+        super().__init__(channels, flags)
+        self.arrays = {name: np.require(arrays[name], requirements=("C", "A", "W")) for name in _ARRAYS}
+        self.scale, self.guide, self.factor, self.mirror, self.delta = scale, guide, factor, mirror, delta
+        self.has_delta = delta is not None
+        self.seen = seen
+        #: phi_d is folded by these; the flags say what holds, the fold what is stored.
+        self._reciprocal_fold = self.arrays["map_p"].size - 1 == steps_z(self.bilateral, True)
+        self._n_d, self._n_p = (np.int32(n) for n in self.arrays["values"].shape[1:3])
+        self._flat = (
+            self.arrays["values"].reshape(-1).view(np.int16),
+            *(self.arrays[name] for name in ("guide_h", "guide_d", "map_h", "map_d", "map_p")),
+        )
+
+    @cached_property
+    def _scales(self) -> dict[np.dtype[Any], Any]:
+        from brdfcore.kernels.tables.half_difference import table_scale
+        from brdfcore.tables.base.half_fit import STEPS_Z
+
+        shape, factor = self.arrays["values"].shape[:3], FACTORS[self.factor]
+        return {
+            np.dtype(t): table_scale(shape, STEPS_Z, self.guide, factor, self.mirror, 1 / self.scale, self.bilateral, t)
+            for t in (np.float32, np.float64)
+        }
+
+    @cached_property
+    def _kernels(self) -> tuple[Any, Any]:
+        """From angles, from vectors."""
+        from brdfcore.kernels.tables import half_difference as kernels
+
+        one, three = (kernels.angles_one, kernels.vectors_one), (kernels.angles_three, kernels.vectors_three)
+        return {1: one, 3: three}.get(len(self.channels), (kernels.angles_many, kernels.vectors_many))
+
+    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        outside = self._kernels[0](
+            theta_i.size, theta_i, theta_o, delta_phi, *self._flat, out.reshape(-1), self._scales[theta_i.dtype],
+            self.bilateral, self._reciprocal_fold, self._n_d, self._n_p,
+        )  # fmt: skip
+        return bool(outside == 0)
+
+    def _evaluate_raw_vectors(self, wi: FloatArray, wo: FloatArray, out: FloatArray) -> bool:
+        outside = self._kernels[1](
+            len(wi), wi.reshape(-1), wo.reshape(-1), *self._flat, out.reshape(-1), self._scales[wi.dtype],
+            self.bilateral, self._reciprocal_fold, self._n_d, self._n_p,
+        )  # fmt: skip
+        return bool(outside == 0)
+
+    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
+        return self.seen.status(theta_i, theta_o)
+
+    def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        if self.delta is None:
+            return super()._delta_reflectance(theta_i)
+        return interpolated_delta(self.delta, theta_i)
+
+    # ---- arrays -------------------------------------------------------------------------------
+
+    def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return self.arrays if self.delta is None else {**self.arrays, "delta": self.delta}
+
+    def attributes(self) -> dict[str, Any]:
+        low, step = self.guide
+        numbers = {"scale": self.scale, "guide_low": low, "guide_step": step}
+        return {**numbers, "factor": self.factor, "mirror": self.mirror, **self.seen.attributes()}
+
+    @classmethod
+    def from_arrays(
+        cls,
+        arrays: Mapping[str, npt.NDArray[Any]],
+        attributes: Mapping[str, Any],
+        channels: Channels,
+        flags: Mapping[str, bool],
+    ) -> Self:
+        from brdfcore.kernels.tables.half_difference import grid_u, grid_w
+
+        bilateral = bool(flags["bilateral"])
+        folds = {steps_z(bilateral, r) + 1 for r in ((True, False) if bilateral else (False,))}
+        sizes = {"map_h": {grid_u().size}, "map_d": {grid_w().size}, "map_p": folds}
+        sizes |= {"guide_h": sizes["map_h"], "guide_d": sizes["map_d"]}
+        for name, dtype in _ARRAYS.items():
+            array, ndim = arrays.get(name), 4 if name == "values" else 1
+            if array is None or array.dtype != dtype or array.ndim != ndim:
+                got = "nothing" if array is None else f"{array.dtype} {array.shape}"
+                raise cls._bad(name, got, f"{np.dtype(dtype)} with {ndim} dimension(s)")
+            # any word is a node position within the table: no look-up can leave it
+            if name in sizes and array.size not in sizes[name]:
+                raise cls._bad(name, str(array.shape), f"a length in {sorted(sizes[name])}")
+        values = arrays["values"]
+        if not np.isfinite(values).all():
+            raise cls._bad("values", "not finite everywhere", "finite numbers")
+        if min(values.shape[:3]) < 3 or values.shape[3] != len(channels) or values.size >= 2**31:
+            raise cls._bad("values", str(values.shape), f"at least 3 nodes an axis, {len(channels)} channel(s)")
+        if flags["non_negative"] and values.min() < 0:
+            raise cls._bad("values", f"as low as {values.min()}", "no value below 0, as the flag non_negative says")
+        delta = checked_delta(cls.name, arrays, len(channels))
+        numbers = {}
+        for name, (least, most) in _NUMBERS.items():
+            number = attributes.get(name)
+            if not isinstance(number, (int, float)) or not least < number < most:
+                raise cls._bad(name, repr(number)[:40], f"a number between {least:g} and {most:g}")
+            numbers[name] = float(number)
+        factor = attributes.get("factor")
+        if factor not in FACTORS:
+            raise cls._bad("factor", repr(factor)[:40], ", ".join(FACTORS))
+        mirror = attributes.get("mirror")
+        if not isinstance(mirror, bool):
+            raise cls._bad("mirror", repr(mirror)[:40], "true or false")
+        guide = (numbers["guide_low"], numbers["guide_step"])
+        seen = Seen.from_attributes(cls.name, attributes)
+        return cls(arrays, numbers["scale"], guide, str(factor), mirror, channels, flags, delta, seen)
+
+    @classmethod
+    def _bad(cls, field: str, got: str, expected: str) -> FileFormatError:
+        return FileFormatError(
+            "bad_field", f"{cls.name}: {field} is {got}; expected {expected}", where=field, got=got, expected=expected
+        )
+
+
+def lattice_arrays(
+    nodes: npt.NDArray[np.float64], layout: Layout
+) -> tuple[dict[str, npt.NDArray[Any]], float, tuple[float, float]]:
+    """(arrays, scale, guide) of nodes (n_h, n_d, n_p, channels) placed by `layout`."""
+    scale = _LARGEST / max(float(np.abs(nodes).max()), 1e-300)
+    words, low, step = layout.words()
+    return {"values": (nodes * scale).astype(np.float16), **words}, scale, (low, step)
+
+
+def steps_z(bilateral: bool, reciprocal: bool) -> int:
+    """Steps of the map of z."""
+    from brdfcore.tables.base.half_fit import STEPS_Z
+
+    return STEPS_Z * (1 if reciprocal else 2) * (1 if bilateral else 2)

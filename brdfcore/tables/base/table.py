@@ -1,0 +1,251 @@
+"""What every stored representation is: a `Brdf` made of named arrays, with an identity and a known error."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.errors import FileFormatError, InputError
+from brdfcore.base.parameters import Parameter
+from brdfcore.tables.base.seen import EVERYWHERE, Seen
+
+#: Called as progress(done, total, stage) while a table is built and measured.
+Progress = Callable[[int, int, str], None]
+
+#: theta_i nodes of a stored delta part, a quarter of a degree apart whatever the grid: Fresnel's reflectance between
+#: them is good to 1e-4 (glass) to 2e-3 (an index of 1.01), but for the kink of total reflection.
+DELTA_NODES = 361
+#: A delta reflectance may pass 1 by this much: rounding.
+_DELTA_SLACK = 1e-9
+
+FLAGS = ("bilateral", "reciprocal", "energy_conserving", "non_negative")
+
+
+def expected_time(time: float, nbytes: float) -> float:
+    """Expected time of a look-up of a table of `nbytes`, `time` while it fits into the nearest caches.
+
+    The cube root of the size in MB above 1: measured, 2.3 times at 18 MB, 5 times at 142 MB.
+    """
+    return float(time * max(1.0, nbytes / 1e6) ** (1 / 3))
+
+
+@dataclass(frozen=True, slots=True)
+class BuildOptions:
+    """What `tabulate` was asked for; see there. shape None means the representation's default."""
+
+    shape: tuple[int, ...] | None = None
+    interpolation: str = "linear"
+    negatives: str = "keep"
+    fold: frozenset[str] = frozenset()
+    #: What a representation's `candidates` finds out about the source once for all of them; opaque to others.
+    prepared: Any = None
+    #: Angles that the table is wanted for; a representation that gains nothing by it leaves this aside.
+    seen: Seen = EVERYWHERE
+    #: Expected time of a look-up, in those of a table that stays in the nearest caches: what "fastest" goes by.
+    time: float = 10.0
+
+
+class Table(Brdf):
+    """A representation that is stored: arrays, attributes, flags, an id and a measured error.
+
+    A subclass keeps every array that a look-up reads in `to_arrays()` and every number that changes an
+    answer in `attributes()`; store, id and nbytes follow from these two.
+
+    id, nbytes and answers belong to the arrays as they were given: to change a value, make another table.
+
+    error   dict of the measured error against the source (`build.tabulate` fills it), {} if never measured.
+    source  dict with name, format, sha256 of what the table was built from.
+    """
+
+    #: Registry name.
+    name: ClassVar[str]
+    #: Raised whenever `_evaluate` answers differently for the same arrays.
+    EVALUATION_VERSION: ClassVar[int] = 1
+    #: What `tabulate` may be asked for, beside source and channels.
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
+    #: One sentence for lists.
+    SUMMARY: ClassVar[str] = ""
+    #: Whether "auto" considers it: False for what another representation is always better at.
+    FOR_AUTO: ClassVar[bool] = True
+    _fixed = True
+
+    def __init__(self, channels: Channels, flags: Mapping[str, bool]) -> None:
+        super().__init__()
+        self.channels = channels
+        self.bilateral = bool(flags["bilateral"])
+        self.reciprocal = bool(flags["reciprocal"])
+        self.energy_conserving = bool(flags["energy_conserving"])
+        self.non_negative = bool(flags["non_negative"])
+        self.error: dict[str, Any] = {}
+        self.source: dict[str, Any] = {}
+
+    @abstractmethod
+    def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Every array a look-up touches, by name; not copied."""
+
+    def attributes(self) -> dict[str, Any]:
+        """JSON-ready settings that change an answer, e.g. the interpolation."""
+        return {}
+
+    @classmethod
+    @abstractmethod
+    def from_arrays(
+        cls,
+        arrays: Mapping[str, npt.NDArray[Any]],
+        attributes: Mapping[str, Any],
+        channels: Channels,
+        flags: Mapping[str, bool],
+    ) -> Self:
+        """The inverse of `to_arrays` and `attributes`; raises `FileFormatError` where they do not fit together."""
+
+    @classmethod
+    @abstractmethod
+    def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
+        """Sample `source`; raises `InputError` where the options or the source do not suit."""
+
+    @classmethod
+    def can_hold(cls, source: Brdf) -> bool:
+        """Whether `build` can represent `source` at all; what "auto" considers."""
+        return True
+
+    @classmethod
+    def candidates(cls, source: Brdf, options: BuildOptions, max_bytes: int | None) -> Iterable[BuildOptions]:
+        """Options to try, cheapest first, with their expected `time`; with `max_bytes`, the best that should fit."""
+        return (options,)
+
+    @classmethod
+    def worth_refining(cls, l1: float, tolerance: float) -> bool:
+        """Whether a larger candidate could reach `tolerance` when this one has error `l1`."""
+        return True
+
+    @classmethod
+    def largest_gain(cls, interpolation: str, ratio: float) -> float:
+        """Factor that the error may fall by from one table to one of `ratio` times its bytes, at most; inf: unknown."""
+        return math.inf
+
+    @property
+    def flags(self) -> dict[str, bool]:
+        return {name: getattr(self, name) for name in FLAGS}
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of every array a look-up touches."""
+        return sum(a.nbytes for a in self.to_arrays().values())
+
+    @cached_property
+    def id(self) -> str:
+        """sha256 over all that evaluate() reads, hex: representation and its evaluation version, channels,
+        flags, attributes, and each array as name, dtype, shape, bytes."""
+        return self.computed_id()
+
+    def computed_id(self) -> str:
+        """`id` from the arrays as they are now, whatever happened to them since `id` was first asked for."""
+        digest = hashlib.sha256()
+        head = {
+            "representation": self.name,
+            "evaluation_version": self.EVALUATION_VERSION,
+            "channels": self.channels.to_json(),
+            "channel_kind": self.channels.kind,
+            "flags": self.flags,
+            "attributes": self.attributes(),
+        }
+        digest.update(json.dumps(head, sort_keys=True).encode())
+        for name, array in sorted(self.to_arrays().items()):
+            little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
+            digest.update(json.dumps([name, little.dtype.str, list(little.shape)]).encode())
+            digest.update(little.data)
+        return digest.hexdigest()
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write an HDF5 file; a killed process leaves the old file or the new one (`tables.store.save`)."""
+        from brdfcore.tables import store
+
+        store.save(self, path)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # by its arrays: what was compiled or derived on the way is made anew
+        beside = {key: getattr(self, key) for key in ("error", "source", "report", "metadata")}
+        arrays, attributes = self.to_arrays(), self.attributes()
+        return _rebuilt, (type(self), arrays, attributes, self.channels, self.flags, beside)
+
+    def describe(self) -> dict[str, Any]:
+        return {
+            **super().describe(),
+            "representation": self.name,
+            "nbytes": self.nbytes,
+            "id": self.id,
+            "error": self.error,
+            "source": self.source,
+            "attributes": self.attributes(),
+            "shapes": {name: list(a.shape) for name, a in self.to_arrays().items()},
+        }
+
+
+def _rebuilt(
+    cls: type[Table],
+    arrays: Mapping[str, npt.NDArray[Any]],
+    attributes: Mapping[str, Any],
+    channels: Channels,
+    flags: Mapping[str, bool],
+    beside: Mapping[str, dict[str, Any]],
+) -> Table:
+    table = cls.from_arrays(arrays, attributes, channels, flags)
+    for key, value in beside.items():
+        setattr(table, key, value)
+    return table
+
+
+def sampled_delta(source: Brdf) -> npt.NDArray[np.float64] | None:
+    """The delta part of `source` at `DELTA_NODES` uniform nodes of theta_i in [0, pi/2], (n, channels); None without.
+
+    Raises `InputError` where it is not within [0, 1]: no surface reflects more than it receives.
+    """
+    if not source.has_delta:
+        return None
+    delta = source.delta_reflectance(np.linspace(0, np.pi / 2, DELTA_NODES)).astype(np.float64, copy=False)
+    if not _is_reflectance(delta):
+        got = [float(delta.min()), float(delta.max())]
+        raise InputError(
+            "bad_delta",
+            f"the source's delta reflectance goes from {got[0]:g} to {got[1]:g}; a table holds values within [0, 1]",
+            where="source",
+            got=[str(x) for x in got],
+            expected="[0, 1]",
+        )
+    return np.clip(delta, 0, 1)
+
+
+def checked_delta(name: str, arrays: Mapping[str, npt.NDArray[Any]], channels: int) -> npt.NDArray[np.float64] | None:
+    """`arrays["delta"]`, if there is one: float64 (n >= 2, channels), within [0, 1]; else `FileFormatError`."""
+    delta = arrays.get("delta")
+    if delta is None:
+        return None
+    fits = delta.dtype == np.float64 and delta.ndim == 2 and delta.shape[0] >= 2 and delta.shape[1] == channels
+    if not fits or not _is_reflectance(delta):
+        got = f"from {delta.min()} to {delta.max()}" if fits else f"{delta.dtype} {delta.shape}"
+        expected = f"float64 (n, {channels}) with n >= 2, within [0, 1]"
+        raise FileFormatError(
+            "bad_field", f"{name}: delta is {got}; expected {expected}", where="delta", got=got, expected=expected
+        )
+    return delta
+
+
+def _is_reflectance(delta: npt.NDArray[Any]) -> bool:
+    return bool(((delta >= -_DELTA_SLACK) & (delta <= 1 + _DELTA_SLACK)).all())  # false for NaN
+
+
+def interpolated_delta(delta: npt.NDArray[np.float64], theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Linear between the uniform theta_i nodes of a stored delta part; (n,) -> (n, channels)."""
+    nodes = np.linspace(0, np.pi / 2, delta.shape[0])
+    return np.stack([np.interp(theta_i, nodes, column) for column in delta.T], axis=-1)

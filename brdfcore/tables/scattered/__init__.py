@@ -1,0 +1,1 @@
+"""Measurements at scattered pairs of directions, regridded."""

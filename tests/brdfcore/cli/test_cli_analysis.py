@@ -1,0 +1,102 @@
+"""`brdf check`, `brdf gloss`, `brdf repair`: pages, JSON, exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import brdfcore as bc
+from tests.brdfcore.conftest import Run
+
+PUBLISHED = "phong:exponent=10,convention=published"
+
+
+def test_check_prints_a_page(run: Run) -> None:
+    status, out, err = run("check", "lambert:reflectance=0.5", "--directions", "2000")
+    assert (status, err) == (0, "")
+    assert out.splitlines()[1].startswith("6 pass")
+    status, out, err = run("check", PUBLISHED, "--directions", "2000")
+    assert (status, err) == (3, "")
+    assert "energy       fail" in out
+    assert "(89.9) value: albedo 37." in out
+
+
+def test_check_as_json(run: Run) -> None:
+    status, out, err = run("check", PUBLISHED, "--directions", "2000", "--seed", "5", "--json")
+    found = json.loads(out)
+    assert (status, err, found["input"], found["seed"]) == (3, "", PUBLISHED, 5)
+    here = bc.check(bc.model("phong", exponent=10, convention="published"), directions=2000, seed=5)
+    assert {k: v for k, v in found.items() if k != "input"} == json.loads(json.dumps(here.to_json()))
+
+
+def test_gloss_prints_a_page(run: Run) -> None:
+    status, out, err = run("gloss", "mirror:ior=1.5168")
+    assert (status, err) == (0, "")
+    for row in ("gloss 20 deg", "86.47", "91.91", "99.27", "haze D4039", "haze E430", "ISO 2813"):
+        assert row in out
+    status, out, err = run("gloss", "lambert:reflectance=[1,0.5,0]", "--collimated", "--tolerance", "0.001")
+    row = next(line for line in out.splitlines() if line.startswith("gloss 60"))
+    assert row.split()[3:7] == ["2.485", "1.242", "0", "1.417"]
+
+
+def test_gloss_as_json(run: Run) -> None:
+    status, out, _ = run(
+        "gloss", "mirror:ior=1.5168", "--geometry", "45:0.75,2.5:2,4", "--geometry", "60:0,0:4,4", "--json"
+    )
+    found = json.loads(out)
+    assert status == 0
+    assert list(found["gloss"]) == ["45", "60"]
+    assert found["gloss"]["45"]["geometry"]["receptor"] == [2, 4]
+    assert found["haze"] == {}
+    assert found["gloss"]["60"]["values"][0] == pytest.approx(91.91, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("gloss", "lambert", "--geometry", "45"),
+        ("gloss", "lambert", "--geometry", "45:1,2:3,x"),
+        ("gloss", "lambert", "--geometry", "4,5:1,2:3,4"),
+        ("gloss", "lambert", "--geometry", "45:1:3,4"),
+        ("gloss", "lambert", "--geometry", "95:1,1:3,4"),
+        ("gloss", "lambert", "--geometry", "45:1,1:nan,4"),
+        ("gloss", "lambert", "--tolerance", "-1"),
+        ("gloss", "lambert", "--reference-ior", "nan"),
+        ("check", "lambert", "--directions", "0"),
+        ("check", "lambert", "--seed", "-1"),
+        ("check", "lambertt"),
+        ("repair", "lambert", "-o", "x.h5", "--do", "everything"),
+        ("repair", "lambert", "-o", "x.h5", "--do", ""),
+        ("repair", "lambert", "-o", "x.h5"),
+    ],
+    ids=" ".join,
+)
+def test_mistakes_are_told(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(*arguments)
+    assert (status, out) == (2, "")
+    assert err
+    assert not list(tmp_path.iterdir())
+
+
+def test_repair_makes_a_table(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "phong.h5"
+    small = ("--representation", "angle_grid", "--tolerance", "0.05")
+    status, text, _ = run("repair", PUBLISHED, "-o", out, "--do", "reciprocity, energy", *small)
+    assert status == 0
+    assert "reciprocity: average f(i,o) and f(o,i)" in text
+    assert "largest albedo   18.732 before" in text
+    table = bc.open_table(out)
+    assert [e["name"] for e in table.report["repairs"]] == ["reciprocity", "energy"]
+    assert table.reciprocal
+    status, text, err = run("repair", PUBLISHED, "-o", out, "--do", "energy")
+    assert (status, text) == (1, "")
+    assert "--force" in err
+    status, text, _ = run("repair", PUBLISHED, "-o", out, "--do", "negatives", "--force", "--json", *small)
+    found = json.loads(text)
+    assert [e["name"] for e in found["repairs"]] == ["negatives"]
+    assert found["id"] == bc.open_table(out).id != table.id

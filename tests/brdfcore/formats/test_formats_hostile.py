@@ -1,0 +1,79 @@
+"""Every registered format against damaged and malicious files, in a process whose memory is watched."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import brdfcore as bc
+from brdfcore.base.registry import FORMATS
+from brdfcore.formats.base.foreign import FOREIGN
+from tests.support.format_examples import example
+
+#: Of the several hundred files made of an example; `python -m tests.support.hostile NAME FOLDER 0 1` reads them all.
+FILES = 90
+
+
+@pytest.mark.parametrize("name", bc.formats())
+def test_hostile_files(name: str, tmp_path: Path) -> None:
+    """Each is read or refused with an error that names file and place, in a second, in 200 MB beside what was there."""
+    command = [sys.executable, "-m", "tests.support.hostile", name, str(tmp_path), str(FILES), "1"]
+    root = Path(__file__).parents[3]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, cwd=root, env={**os.environ, "PYTHONPATH": str(root)}
+    )
+    assert done.returncode == 0, done.stderr[-2_000:]
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert not found["wrong"], "\n".join(found["wrong"][:20])
+    assert found["refused"] + found["read"] >= FILES
+    assert found["refused"] >= FILES // 3, found
+    seconds, label = found["slowest"]
+    assert seconds <= 1.0, f"{label}: {seconds:.2f} s of processor time until it was refused"
+    megabytes, label = found["largest"]
+    assert megabytes <= 200, f"{label}: {megabytes:.0f} MB"
+
+
+@pytest.mark.parametrize("name", bc.formats())
+def test_examples_are_told_apart_by_content(name: str, tmp_path: Path) -> None:
+    path = example(name, tmp_path)
+    other = tmp_path / "no-extension"
+    other.write_bytes(path.read_bytes())
+    assert bc.sniff(other) == name
+    head = other.read_bytes()[:16_384]
+    assert [n for n in FORMATS.names() if FORMATS.load(n)().sniff(head)] == [name]
+
+
+HEADS = {
+    "klems": (b'<?xml version="1.0"?>\n<WindowElement xmlns="http://windows.lbl.gov">', "Klems"),
+    "xml": (b"<?xml version='1.0'?><scene/>", "XML file"),
+    "radiance": (b"#?RADIANCE\nFORMAT=BSDF_RBFmesh\n\n", "scattering interpolant"),
+    "pbrt": (b"SCATFUN\x01\x00\x00", "Fourier"),
+    "speos": (b"OPTIS - Anisotropic BSDF surface file v7.0\n0\n", "Speos"),
+    "fred": (b"# made\ntype bsdf_data\nformat angles=deg bsdf=value scale=1\n10 0\n", "FRED"),
+    "lighttools": (b"#comment\nSymmetry Asymmetrical\nAOI 0 10 20\n", "LightTools"),
+    "pab": (b'#sample_name "x"\n#datapoints_in_file 4\n#intheta 30\n0 0 0.1\n', "goniophotometer"),
+    "ior": (b"# refractiveindex.info\nREFERENCES: |\n    x\nDATA:\n", "optical constants"),
+    "xomp": (b'{"metadata": {}, "materialProperties": {"brdfUris": ["a.xompt"]}}', "brdfUris"),
+    "emp": (b'{"metadata": {}, "electromagneticProperties": []}', "without a BRDF"),
+    "gzip": (b"\x1f\x8b\x08\x00", "gunzip"),
+    "zip": (b"PK\x03\x04", "unzip"),
+    "png": (b"\x89PNG\r\n", "picture"),
+    "npy": (b"\x93NUMPY\x01\x00", "numpy"),
+}
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_kinds_of_file_that_are_not_read_are_named(head: str, tmp_path: Path) -> None:
+    data, said = HEADS[head]
+    path = tmp_path / "file.bsdf"
+    path.write_bytes(data)
+    with pytest.raises(bc.FileFormatError, match=said) as caught:
+        bc.read(path)
+    assert caught.value.code == "format_not_read"
+    assert caught.value.context["got"] in {kind.name for kind in FOREIGN}
+    assert caught.value.context["hint"] in caught.value.detail

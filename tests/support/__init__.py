@@ -1,0 +1,1 @@
+"""What tests share: sources, formulas, synthetic files, programs to start."""
