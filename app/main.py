@@ -18,9 +18,8 @@ from brdf_service.http.errors import problem
 from brdf_service.http.metrics import Metrics
 from brdf_service.library.materials import Library
 from brdf_service.library.writing import Store
-from brdf_service.routes import health, jobs, materials, pages, pareto, tables, writing
+from brdf_service.routes import evaluate, health, jobs, materials, pages, pareto, relight, writing
 from brdf_service.server import process
-from brdf_service.server.hotpath import HotPath
 from brdf_service.server.middleware import Boundary
 from brdf_service.server.request_log import AccessLog
 from brdf_service.server.warmup import warm_up
@@ -83,17 +82,17 @@ def create_app(settings: Settings | None = None, *, warm: bool = True) -> FastAP
         app.add_exception_handler(kind, _problem)
     app.add_exception_handler(Exception, _failure)
     for router in (
+        evaluate.router,
+        relight.router,
         materials.router,
         writing.router,
         pareto.router,
-        tables.router,
         jobs.router,
         health.router,
-        health.metrics_router,
         pages.router,
     ):
         app.include_router(router)
-    openapi.install(app, settings)
+    openapi.install(app, keyed=settings.api_key is not None)
     return app
 
 
@@ -104,7 +103,7 @@ class Service(FastAPI):
 
     def wrap(self, state: State) -> None:
         """Put the layers around it."""
-        self._layers = Boundary(HotPath(super().__call__), state)
+        self._layers = Boundary(evaluate.EvaluateShortCut(super().__call__), state)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "http" and self._layers is not None:

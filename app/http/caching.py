@@ -1,4 +1,4 @@
-"""ETags made before anything is computed, and the caching rules of each kind of answer."""
+"""ETags from the request alone, before anything is computed, and what caches may do with each answer."""
 
 from __future__ import annotations
 
@@ -11,21 +11,51 @@ from starlette.responses import Response
 
 import brdfcore as bc
 
-#: A name may stand for another table tomorrow: keep it, but ask before using it.
+#: By name: ask again each time, the material may be another one by now.
 BY_NAME = "no-cache"
-#: An id is a digest of all that is evaluated: its answers never change.
+#: By id: the id is a digest of all that is evaluated: its answers never change.
 BY_ID = "public, max-age=31536000, immutable"
 _VERSION = bc.__version__.encode()
 
 
 def etag_of(request: Request, *identities: str) -> str:
     """Strong ETag of the answer: its path, its query, what it is made from, and the version that makes it."""
-    return etag(request.scope["path"], request.scope["query_string"], *identities)
+    digest = _digest_of(request.scope["path"], identities).copy()
+    digest.update(request.scope["query_string"])
+    return f'"{digest.hexdigest()[:32]}"'
 
 
 def etag_of_material(name: str, tag: str) -> str:
     """The ETag of /v1/materials/NAME, which is what If-Match names when a material is replaced or deleted."""
-    return etag(f"/v1/materials/{name}", b"", tag)
+    return f'"{_digest_of(f"/v1/materials/{name}", (tag,)).hexdigest()[:32]}"'
+
+
+@lru_cache(maxsize=512)
+def _digest_of(path: str, identities: tuple[str, ...]) -> hashlib._Hash:
+    """The digest of an ETag up to the query. It is shared: copy it before adding to it."""
+    parts = (_VERSION, path.encode(), *map(str.encode, identities))
+    # with their lengths, so that no two different lists of parts look alike; the query comes last and needs none
+    lengths = ",".join([str(len(part)) for part in parts]).encode()
+    return hashlib.sha256(b"|".join((lengths, *parts, b"")))
+
+
+def material_headers(
+    request: Request, id: str, tag: str, by_id: bool, *kind: str, lasting: bool = True
+) -> dict[str, str]:
+    """ETag and caching headers of a GET answer about a material; a name's also says where it stays for ever.
+
+    kind     what tells this answer from others at the same address: the media type that was asked for.
+    lasting  by id, the answer holds nothing but what the id is a digest of.
+    """
+    if by_id and lasting:
+        return {"etag": etag_of(request, id, *kind), "cache-control": BY_ID}
+    headers = {"etag": etag_of(request, tag, *kind), "cache-control": BY_NAME}
+    if not by_id:
+        rest = request.scope["path"].split("/", 4)[4:]  # after /v1/materials/NAME
+        query = request.scope["query_string"].decode("latin-1")
+        place = "/".join([f"/v1/tables/{id}", *rest])
+        headers["content-location"] = f"{place}?{query}" if query else place
+    return headers
 
 
 def held_tags(values: Iterable[str]) -> set[str]:
@@ -33,28 +63,14 @@ def held_tags(values: Iterable[str]) -> set[str]:
     return {tag.strip().removeprefix("W/") for tag in ",".join(values).split(",")} - {""}
 
 
-def etag(path: str, query: bytes, *identities: str) -> str:
-    """Strong ETag of what `identities` say at this path and query."""
-    digest = digest_of(path, identities).copy()
-    digest.update(query)
-    return f'"{digest.hexdigest()[:32]}"'
-
-
-@lru_cache(maxsize=512)
-def digest_of(path: str, identities: tuple[str, ...]) -> hashlib._Hash:
-    """The digest behind `etag`, up to the query. It is shared: copy it before adding to it."""
-    parts = (_VERSION, path.encode(), *map(str.encode, identities))
-    # with their lengths, so that no two different lists of parts look alike; the query comes last and needs none
-    lengths = ",".join([str(len(part)) for part in parts]).encode()
-    return hashlib.sha256(b"|".join((lengths, *parts, b"")))
-
-
-def not_modified(request: Request, etag: str, headers: dict[str, str]) -> Response | None:
-    """The 304 answer if the caller already holds the representation named by `etag`.
+def not_modified(request: Request, headers: dict[str, str]) -> Response | None:
+    """The 304 answer if the caller already holds the representation named by the ETag in `headers`.
 
     "*" is passed over: at this point nobody knows whether the question has an answer.
     """
-    given = [value.decode("latin-1") for name, value in request.scope["headers"] if name == b"if-none-match"]
-    if given and etag in held_tags(given):
-        return Response(status_code=304, headers=headers)
+    for name, _ in request.scope["headers"]:
+        if name == b"if-none-match":
+            if headers["etag"] in held_tags(request.headers.getlist("if-none-match")):
+                return Response(status_code=304, headers=headers)
+            return None
     return None

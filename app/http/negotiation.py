@@ -1,5 +1,4 @@
-"""Which of the three kinds of body a request has and an answer gets: JSON, plain numbers, or a .npy file; and where it
-is made."""
+"""Which of the three kinds of body a request has and an answer gets: JSON, plain numbers, or a .npy file."""
 
 from __future__ import annotations
 
@@ -17,11 +16,6 @@ MEDIA_TYPES: dict[Kind, str] = {
     "octet": "application/octet-stream",
     "npy": "application/x-npy",
 }
-#: Answers of up to this many values are made in the event loop: a thread would cost more than they do, and much more
-#: when the service is busy. Tables are compiled loops; a model may take a microsecond a value.
-INLINE_VALUES = {"table": 24_000, "model": 1024}
-#: Points evaluated at a time there: more would wake the threads of a parallel kernel, and the loop would wait for them.
-INLINE_POINTS = 8000
 _KINDS: dict[str, Kind] = {media_type: kind for kind, media_type in MEDIA_TYPES.items()}
 _OFFERED = ", ".join(MEDIA_TYPES.values())
 _QUALITY = re.compile(r"\s*q\s*=\s*([01](?:\.[0-9]{0,3})?)\s*", re.IGNORECASE)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from brdf_service.http.errors import PROBLEM_TYPE
-from brdf_service.http.query import QueryParameter
-from brdf_service.schemas import SCHEMAS
-from brdf_service.settings import Settings
+from brdf_service.http.query import NoQuery, Query, openapi_parameters
+from brdf_service.schemas.service import Problem
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel
@@ -32,7 +31,6 @@ _REFUSALS = {
     422: "a parameter or value that is not taken; the problem says which, where and why",
     503: "not ready, or too many jobs wait, or the data folder cannot be read or written",
 }
-
 DESCRIPTION = """\
 Look-ups of bidirectional reflectance distribution functions (BRDF): f_r in 1/sr, **without** the cosine.
 
@@ -42,55 +40,89 @@ from the normal; `delta_phi` = phi_o - phi_i, so the mirror direction is theta_o
 A failure is `application/problem+json` with `code`, `detail`, `errors` and `request_id`. Every GET may also be a
 HEAD, and answers with an ETag; a path by id never changes its answer.
 """
+_CONDITIONS = {
+    "If-Match": "the material's ETag as its metadata gave it, or *: what may be replaced or deleted",
+    "If-None-Match": "*: only if there is none of this name",
+}
+_TEXT: dict[str, Any] = {"schema": {"type": "string"}}
+_BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
+_ETAG: dict[str, Any] = {"ETag": _TEXT}
+_SCHEMES = {
+    "key": {"type": "apiKey", "in": "header", "name": "X-API-Key"},
+    "bearer": {"type": "http", "scheme": "bearer"},
+}
+#: Schemas that some operation refers to.
+_referred: dict[str, type[BaseModel]] = {"Problem": Problem}
+
+#: What a body holds: a schema of JSON, several of them, or a media type of plain bytes or text.
+Content = type[BaseModel] | tuple[type[BaseModel], ...] | str | Mapping[str, Any]
 
 
-def ref(schema: type[BaseModel]) -> dict[str, str]:
-    """Reference to a schema of the document."""
-    return {"$ref": f"#/components/schemas/{schema.__name__}"}
-
-
-def answers(
-    content: dict[str, Any], description: str, refusals: Iterable[int], *, cached: bool
-) -> dict[int | str, Any]:
-    """The `responses` of an operation: its answer, 304 where an ETag is given, and each refusal as a problem."""
-    made: dict[int | str, Any] = {200: {"description": description, "content": content}}
-    if cached:
-        made[200]["headers"] = {"ETag": {"schema": {"type": "string"}}}
-        made[304] = {"description": "unchanged: If-None-Match names the ETag of the answer"}
-    for status in sorted({*refusals, 421, 422}):
-        made[status] = {
-            "description": _REFUSALS[status],
-            "content": {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
-        }
+def content_of(*bodies: Content) -> dict[str, Any]:
+    """The `content` of a request or an answer that may be any of `bodies`."""
+    made: dict[str, Any] = {}
+    for body in bodies:
+        if isinstance(body, str):
+            media_type = body.partition(";")[0]
+            made[media_type] = _TEXT if media_type.startswith(("text/", "image/svg")) else _BYTES
+        elif isinstance(body, Mapping):
+            made |= body
+        else:
+            schemas = body if isinstance(body, tuple) else (body,)
+            _referred.update({s.__name__: s for s in schemas})
+            refs = [{"$ref": f"#/components/schemas/{s.__name__}"} for s in schemas]
+            made["application/json"] = {"schema": refs[0] if len(refs) == 1 else {"anyOf": refs}}
     return made
 
 
-#: Headers of answers, by the kind of answer.
-HEADERS: dict[str, dict[str, Any]] = {
-    "stored": {
-        "ETag": {"schema": {"type": "string"}},
-        "Location": {"schema": {"type": "string"}},
-    }
-}
-_CONDITIONS = (
-    ("If-Match", "the material's ETag as its metadata gave it, or *: what may be replaced or deleted"),
-    ("If-None-Match", "*: only if there is none of this name"),
-)
-
-
-def parameters(
-    query: Iterable[QueryParameter] = (), path: Iterable[dict[str, Any]] = (), *, conditions: bool = False
+def operation(
+    id: str,
+    summary: str,
+    description: str = "",
+    *,
+    answer: tuple[Content, ...] = (),
+    says: str = "",
+    status: int = 200,
+    headers: Iterable[str] = (),
+    refusals: Iterable[int] = (),
+    cached: bool = False,
+    path: Iterable[Mapping[str, Any]] = (),
+    query: type[Query] = NoQuery,
+    body: tuple[Content, ...] = (),
+    conditions: bool = False,
+    more: Mapping[int | str, Any] = {},
 ) -> dict[str, Any]:
-    """The `openapi_extra` of an operation that parses its own parameters; `conditions`: it takes If-Match."""
-    headers = [
-        {"name": name, "in": "header", "required": False, "description": about, "schema": {"type": "string"}}
-        for name, about in _CONDITIONS
+    """Arguments of a router's decorator for an operation that parses its own parameters.
+
+    answer, says, status, headers  of the good answer; `more`: others, by status.
+    refusals    statuses of problems beside 421 and 422.
+    cached      it has an ETag, and may be a 304.
+    path, query, body              what it takes; `conditions`: If-Match and If-None-Match too.
+    """
+    good: dict[str, Any] = {"description": says or "done"}
+    if answer:
+        good["content"] = content_of(*answer)
+    if cached or headers:
+        good["headers"] = {**(_ETAG if cached else {}), **dict.fromkeys(headers, _TEXT)}
+    responses: dict[int | str, Any] = {status: good, **more}
+    if cached:
+        responses[304] = {"description": "unchanged: If-None-Match names the ETag of the answer"}
+    problem = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    for number in sorted({*refusals, 421, 422}):
+        responses[number] = {"description": _REFUSALS[number], "content": problem}
+    told = [
+        {"name": name, "in": "header", "required": False, "description": about, **_TEXT}
+        for name, about in _CONDITIONS.items()
         if conditions
     ]
-    return {"parameters": [*path, *(q.openapi() for q in query), *headers]}
+    extra: dict[str, Any] = {"parameters": [*path, *openapi_parameters(query), *told]}
+    if body:
+        extra["requestBody"] = {"required": True, "content": content_of(*body)}
+    made = {"operation_id": id, "summary": summary, "description": description, "status_code": status}
+    return {**made, "responses": responses, "openapi_extra": extra}
 
 
-def allowed_methods(document: dict[str, Any], path: str) -> list[str]:
+def allowed_methods(document: Mapping[str, Any], path: str) -> list[str]:
     """Methods that a path takes; the router itself names those of the first operation it finds there only."""
     for template, operations in document["paths"].items():
         if re.fullmatch(re.sub(r"\\{\w+\\}", "[^/]+", re.escape(template)), path):
@@ -99,22 +131,8 @@ def allowed_methods(document: dict[str, Any], path: str) -> list[str]:
     return ["GET", "HEAD"]  # a page: the document does not list them
 
 
-_SCHEMES = {
-    "key": {"type": "apiKey", "in": "header", "name": "X-API-Key"},
-    "bearer": {"type": "http", "scheme": "bearer"},
-}
-
-
-def _secure(document: dict[str, Any]) -> None:
-    """Say of the operations that write that they take the key."""
-    for path in document["paths"].values():
-        for operation in path.values():
-            if "401" in operation["responses"]:
-                operation["security"] = [{"key": []}, {"bearer": []}]
-
-
-def install(app: FastAPI, settings: Settings) -> None:
-    """Make `app.openapi()` give the complete document."""
+def install(app: FastAPI, *, keyed: bool) -> None:
+    """Make `app.openapi()` give the complete document; `keyed`: writing takes a key."""
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
@@ -122,13 +140,16 @@ def install(app: FastAPI, settings: Settings) -> None:
                 title="BRDF tables", version=bc.__version__, description=DESCRIPTION, routes=app.routes
             )
             _, definitions = models_json_schema(
-                [(s, "validation") for s in SCHEMAS], ref_template="#/components/schemas/{model}"
+                [(s, "validation") for s in _referred.values()], ref_template="#/components/schemas/{model}"
             )
             components = document.setdefault("components", {})
             components.setdefault("schemas", {}).update(definitions["$defs"])
-            if settings.api_key is not None:
+            if keyed:
                 components["securitySchemes"] = _SCHEMES
-                _secure(document)
+                for path in document["paths"].values():
+                    for each in path.values():
+                        if "401" in each["responses"]:
+                            each["security"] = [{"key": []}, {"bearer": []}]
             app.openapi_schema = document
         return app.openapi_schema
 

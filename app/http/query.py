@@ -1,122 +1,136 @@
-"""Query parameters, declared once: the declaration parses, explains its errors and documents itself."""
+"""Query parameters as pydantic models: one declaration parses, refuses and documents itself."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cache
-from typing import Any
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar
 from urllib.parse import parse_qsl
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, ValidationError, WithJsonSchema
+from pydantic_core import PydanticUndefined
 
 import brdfcore as bc
-
-#: Marks a parameter without a default.
-REQUIRED: Any = object()
 
 _MOST_PARAMETERS = 64
 _LONGEST_OBJECT = 4000
 _SHORT = 1000
 # ASCII only: float() itself would also take "nan", "1_000" and digits of other scripts
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_ONE, _LIST = re.compile(_NUMBER), re.compile(rf"{_NUMBER}(?:,{_NUMBER})*")
 
 
-@dataclass(frozen=True, eq=False)
-class QueryParameter:
-    """One query parameter: `parse(name, text)` gives its value or raises `InputError`; `schema` is its OpenAPI."""
+class Query(BaseModel):
+    """The parameters that a path takes, all of them: an unknown one is refused."""
 
-    name: str
-    description: str
-    parse: Callable[[str, str], Any]
-    schema: dict[str, Any] = field(default_factory=lambda: {"type": "string"})
-    default: Any = REQUIRED
-    example: str | None = None
-
-    def openapi(self) -> dict[str, Any]:
-        """The parameter object of an OpenAPI operation."""
-        schema = dict(self.schema)
-        if self.default is not REQUIRED and self.default is not None:
-            schema["default"] = str(self.default).lower() if isinstance(self.default, bool) else self.default
-        described = {
-            "name": self.name,
-            "in": "query",
-            "required": self.default is REQUIRED,
-            "description": self.description,
-            "schema": schema,
-        }
-        return described if self.example is None else {**described, "example": self.example}
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
 
-def parse_query(query: bytes, parameters: tuple[QueryParameter, ...]) -> dict[str, Any]:
-    """Values of the declared parameters. A misspelt or repeated one is an error: ignoring it would answer another
+class NoQuery(Query):
+    """A path that takes no parameter."""
+
+
+Q = TypeVar("Q", bound=Query)
+
+
+def parse_query(query: bytes, model: type[Q]) -> Q:
+    """The parameters of a query string. A misspelt or repeated one is an error: ignoring it would answer another
     question than the one asked."""
-    declared = _by_name(parameters)
-    values: dict[str, Any] = {}
+    given: dict[str, Any] = {}
     for name, text in _pairs(query):
-        if name not in declared:
-            known = ", ".join(declared) or "none"
-            raise bc.UnknownNameError(
-                "unknown_parameter",
-                f"the query has a parameter that this path does not know; it takes: {known}",
-                where="query",
-                got=name[:80],
-                expected=known,
-            )
-        if name in values:
-            raise bc.InputError(
-                "parameter_twice",
-                f"{name} is given twice; several values are separated by commas",
-                where=name,
-                expected=f"{name} once",
-            )
-        values[name] = declared[name].parse(name, text)
-    for name, parameter in declared.items():
-        if name not in values:
-            if parameter.default is REQUIRED:
-                hint = f", for example {name}={parameter.example}" if parameter.example else ""
-                raise bc.InputError(
-                    "parameter_missing", f"{name} is missing{hint}", where=name, expected=parameter.description
-                )
-            values[name] = parameter.default
-    return values
-
-
-@cache
-def _by_name(parameters: tuple[QueryParameter, ...]) -> dict[str, QueryParameter]:
-    return {p.name: p for p in parameters}
+        if name in given:
+            once = f"{name[:80]} is given twice; several values are separated by commas"
+            raise bc.InputError("parameter_twice", once, where=name[:80], expected=f"{name[:80]} once")
+        given[name] = text
+    try:
+        return model.model_validate(given)
+    except ValidationError as error:
+        raise _explained(error, model, given) from error
 
 
 def _pairs(query: bytes) -> list[tuple[str, str]]:
-    if len(query) < _SHORT and b"%" not in query and b"+" not in query:  # what parse_qsl gives, in a fifth of its time
-        fields = [field.partition("=") for field in query.decode("latin-1").split("&") if field]
+    text = query.decode("latin-1")
+    if len(text) < _SHORT and "%" not in text and "+" not in text:  # what parse_qsl gives, in a fifth of its time
+        fields = [field.partition("=") for field in text.split("&") if field]
         if len(fields) <= _MOST_PARAMETERS:
-            return [(name, text) for name, _, text in fields]
+            return [(name, value) for name, _, value in fields]
     try:
-        return parse_qsl(query.decode("latin-1"), keep_blank_values=True, max_num_fields=_MOST_PARAMETERS)
+        return parse_qsl(text, keep_blank_values=True, max_num_fields=_MOST_PARAMETERS)
     except ValueError as error:
-        raise bc.LimitError(
-            "too_many_parameters",
-            f"more than {_MOST_PARAMETERS} query parameters",
-            where="query",
-            limit=_MOST_PARAMETERS,
-        ) from error
+        most = f"more than {_MOST_PARAMETERS} query parameters"
+        raise bc.LimitError("too_many_parameters", most, where="query", limit=_MOST_PARAMETERS) from error
+
+
+def _explained(error: ValidationError, model: type[Query], given: Mapping[str, Any]) -> bc.BrdfError:
+    """The first complaint, in the words of the declaration."""
+    found = error.errors(include_url=False)
+    # what is not known comes first: it may be a misspelt name of what is missing
+    first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
+    raised = first.get("ctx", {}).get("error")
+    if isinstance(raised, bc.BrdfError):  # from a parser of ours
+        return raised
+    name = str(first["loc"][0]) if first["loc"] else "query"
+    if first["type"] == "extra_forbidden":
+        known = ", ".join(model.model_fields) or "none"
+        said = f"the query has a parameter that this path does not know; it takes: {known}"
+        return bc.UnknownNameError("unknown_parameter", said, where="query", got=name[:80], expected=known)
+    field = model.model_fields[name]
+    if first["type"] == "missing":
+        hint = f", for example {name}={field.examples[0]}" if field.examples else ""
+        return bc.InputError("parameter_missing", f"{name} is missing{hint}", where=name, expected=field.description)
+    code, expected = _expected(openapi_schema(model, name))
+    got = str(given[name])[:80]
+    return bc.InputError(code, f"{name}: expected {expected}", where=name, got=got, expected=expected)
+
+
+def _expected(schema: Mapping[str, Any]) -> tuple[str, str]:
+    """(code of the refusal, what the field takes) by its JSON schema."""
+    if "enum" in schema:
+        return "bad_choice", " or ".join(schema["enum"])
+    if schema.get("type") == "integer":
+        return "bad_number", f"a whole number from {schema['minimum']} to {schema['maximum']}"
+    return "bad_text", f"{schema.get('minLength', 0)} to {schema.get('maxLength', 'any number of')} characters"
+
+
+def openapi_schema(model: type[Query], name: str) -> dict[str, Any]:
+    """JSON schema of a field, without what null adds to it: a parameter that is not wanted is left out."""
+    schema = dict(model.model_json_schema()["properties"][name])
+    for one in schema.pop("anyOf", ()):
+        schema |= one if one.get("type") != "null" else {}
+    default = schema.pop("default", None)
+    if default is not None:
+        schema["default"] = str(default).lower() if isinstance(default, bool) else default
+    return {k: v for k, v in schema.items() if k not in ("title", "description", "examples")}
+
+
+def openapi_parameters(model: type[Query]) -> list[dict[str, Any]]:
+    """The parameter objects of an OpenAPI operation."""
+    return [
+        {
+            "name": name,
+            "in": "query",
+            "required": field.is_required(),
+            "description": field.description or "",
+            "schema": openapi_schema(model, name),
+            **({"example": field.examples[0]} if field.examples else {}),
+        }
+        for name, field in model.model_fields.items()
+    ]
 
 
 def parse_numbers(name: str, text: str) -> npt.NDArray[np.float64]:
     """ "30" as an array of shape (), "30,45" of shape (2,)."""
-    if len(text) < _SHORT and _NUMBER.fullmatch(text):
-        return np.array(float(text))
-    parts = [p.strip() for p in text.split(",")]
+    if _LIST.fullmatch(text):
+        return np.array([float(part) for part in text.split(",")]) if "," in text else np.array(float(text))
     # a "+" that nobody escaped arrives as a space: 1e+2 must not be refused for that
-    parts = [re.sub(r"(?<=[eE]) ", "+", p) for p in parts]
+    parts = [re.sub(r"(?<=[eE]) ", "+", part.strip()) for part in text.split(",")]
     for index, part in enumerate(parts):
-        if not _NUMBER.fullmatch(part):
+        if not _ONE.fullmatch(part):
             place = f"{name}[{index}]" if len(parts) > 1 else name
-            what = "nothing" if not part else "something else"
+            what = "something else" if part else "nothing"
             raise bc.InputError(
                 "not_a_number",
                 f"{place}: expected a decimal number, got {what}; several values are separated by commas",
@@ -125,81 +139,50 @@ def parse_numbers(name: str, text: str) -> npt.NDArray[np.float64]:
                 got=part[:80],
                 expected="a decimal number",
             )
-    numbers = [float(p) for p in parts]
+    numbers = [float(part) for part in parts]
     return np.array(numbers[0] if len(numbers) == 1 else numbers)
 
 
-def choice(*choices: str) -> Callable[[str, str], str]:
-    """A parser that takes one of `choices`."""
-
-    def parse(name: str, text: str) -> str:
-        if text not in choices:
-            listed = " or ".join(choices)
-            raise bc.InputError("bad_choice", f"{name}: expected {listed}", where=name, got=text[:80], expected=listed)
-        return text
-
-    return parse
+def numbers(description: str, *, default: Any = PydanticUndefined, example: str | None = None) -> Any:
+    """A field of numbers separated by commas; its type is `Numbers`."""
+    return Field(default, description=description, examples=[example] if example else None, validate_default=False)
 
 
-def whole_number(low: int, high: int) -> Callable[[str, str], int]:
-    """A parser of a whole number in [low, high]."""
-
-    def parse(name: str, text: str) -> int:
-        if re.fullmatch(r"[0-9]{1,12}", text) and low <= int(text) <= high:
-            return int(text)
-        expected = f"a whole number from {low} to {high}"
-        raise bc.InputError("bad_number", f"{name}: expected {expected}", where=name, got=text[:80], expected=expected)
-
-    return parse
+def _numbers(text: Any, info: Any) -> Any:
+    return parse_numbers(info.field_name, text) if isinstance(text, str) else text
 
 
-def text(longest: int) -> Callable[[str, str], str]:
-    """A parser of text of 1 to `longest` characters."""
-
-    def parse(name: str, given: str) -> str:
-        if not 0 < len(given) <= longest:
-            expected = f"1 to {longest} characters"
-            raise bc.InputError(
-                "bad_text", f"{name}: expected {expected}", where=name, got=given[:80], expected=expected
-            )
-        return given
-
-    return parse
-
-
-def json_object(name: str, text: str) -> dict[str, Any]:
-    """A parser of a JSON object."""
+def _object(text: Any, info: Any) -> Any:
     try:
         value = json.loads(text) if len(text) <= _LONGEST_OBJECT else None
     except (ValueError, RecursionError):
         value = None
     if not isinstance(value, dict):
-        expected = f"a JSON object of at most {_LONGEST_OBJECT} characters"
+        name, expected = info.field_name, f"a JSON object of at most {_LONGEST_OBJECT} characters"
         raise bc.InputError("bad_object", f"{name}: expected {expected}", where=name, got=text[:80], expected=expected)
     return value
 
 
-def flag(name: str, text: str) -> bool:
-    """A parser of "true" or "false"."""
-    if text not in ("true", "false"):
-        raise bc.InputError(
-            "bad_choice", f"{name}: expected true or false", where=name, got=text[:80], expected="true or false"
-        )
-    return text == "true"
+def _whole(text: Any) -> Any:
+    # pydantic would also take " 1_000.0 "
+    return text if not isinstance(text, str) or re.fullmatch(r"[0-9]{1,12}", text) else None
 
 
-ANGLES = QueryParameter(
-    "angles",
-    "unit of every angle, in the request and in the answer: degrees or radians",
-    choice("deg", "rad"),
-    {"type": "string", "enum": ["deg", "rad"]},
-    default="deg",
-)
+def _flag(text: Any) -> Any:
+    return {"true": True, "false": False}.get(text, text)
 
-OUTSIDE = QueryParameter(
-    "outside",
-    "what a direction past the horizon means: raise refuses the request, nan gives no value, clip moves it to the edge",
-    choice("raise", "nan", "clip"),
-    {"type": "string", "enum": ["raise", "nan", "clip"]},
-    default="raise",
+
+#: float64 of shape () or (n,).
+Numbers = Annotated[npt.NDArray[np.float64], PlainValidator(_numbers), WithJsonSchema({"type": "string"})]
+JsonObject = Annotated[dict[str, Any], BeforeValidator(_object), WithJsonSchema({"type": "string"})]
+WholeNumber = Annotated[int, BeforeValidator(_whole)]
+Flag = Annotated[bool, BeforeValidator(_flag), WithJsonSchema({"type": "string", "enum": ["true", "false"]})]
+Unit = Literal["deg", "rad"]
+Outside = Literal["raise", "nan", "clip"]
+
+ANGLES: Any = Field("deg", description="unit of every angle, in the request and in the answer")
+OUTSIDE: Any = Field(
+    "raise",
+    description="what a direction past the horizon means: raise refuses the request, nan gives no value, clip moves it "
+    "to the edge",
 )

@@ -53,7 +53,7 @@ class Material:
     facts: dict[str, Any]
     tag: str
     #: Pieces of answers that are the same for every request, made when first needed.
-    parts: dict[str, bytes] = field(default_factory=dict)
+    parts: dict[Any, Any] = field(default_factory=dict)
     #: The same for `quick`, by kind of address and unit.
     fixed: dict[tuple[bool, str], Any] = field(default_factory=dict)
 

@@ -1,213 +1,192 @@
-"""f_r at given angles: GET with lists in the query, POST with JSON, plain numbers or a .npy file."""
+"""f_r at given directions: GET with lists in the query, POST with JSON, plain numbers or a .npy file."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import Any
+from typing import Literal
 
 from anyio.to_thread import run_sync
-from brdf_service.evaluate.angles import AngleRequest, Unit, check_points, check_values
-from brdf_service.evaluate.binary import angles_from_npy, angles_from_octets, vectors_from_npy, vectors_from_octets
-from brdf_service.evaluate.encoding import Asked, Evaluated, answer
-from brdf_service.evaluate.json_codec import directions_from_json
-from brdf_service.evaluate.vectors import VectorRequest, no_angle_options
+from brdf_service.evaluate.answer import INLINE_VALUES, PlainResponse, answer
+from brdf_service.evaluate.binary_body import Precision, directions_from_npy, directions_from_octets
+from brdf_service.evaluate.directions import (
+    Angles,
+    Directions,
+    Vectors,
+    count_points,
+    no_angle_options,
+)
+from brdf_service.evaluate.json_body import Form, directions_from_json
 from brdf_service.http.bodies import read_array, read_json_numbers
-from brdf_service.http.lean import Lean
-from brdf_service.http.negotiation import INLINE_VALUES, MEDIA_TYPES, Kind, kind_of_answer, kind_of_body
-from brdf_service.http.openapi import answers, parameters, ref
-from brdf_service.http.query import ANGLES, OUTSIDE, QueryParameter, choice, flag, parse_numbers, parse_query
-from brdf_service.routes.addressing import Address, Addressed
-from brdf_service.schemas import EvaluateAnswer, EvaluateRequest, EvaluateVectors
-from brdf_service.state import State, state_of
+from brdf_service.http.caching import material_headers, not_modified
+from brdf_service.http.negotiation import MEDIA_TYPES, kind_of_answer, kind_of_body
+from brdf_service.http.openapi import Content, operation
+from brdf_service.http.query import ANGLES, OUTSIDE, Flag, Numbers, Outside, Query, Unit, numbers, parse_query
+from brdf_service.routes.address import ADDRESSES, Address
+from brdf_service.schemas.evaluate import EvaluateAnswer, EvaluateRequest, EvaluateVectors
+from brdf_service.state import State
 from fastapi import APIRouter
+from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 #: JSON bodies of up to this many bytes are parsed in the event loop: some 2,000 points, a fraction of a millisecond.
-INLINE_BODY = 128 * 1024
+_INLINE_BODY = 128 * 1024
 #: Answers of more values than this are made a few at a time.
-LARGE_VALUES = 250_000
-
-STATUS = QueryParameter(
-    "status",
-    "true: say for each point whether its value is measured, interpolated, extrapolated, filled or outside",
-    flag,
-    {"type": "string", "enum": ["true", "false"]},
-    default=False,
+_LARGE_VALUES = 250_000
+_STATUS = Field(
+    False,
+    description="true: say for each point whether its value is measured, interpolated, extrapolated, filled or outside",
 )
-QUERY = (
-    QueryParameter(
-        "theta_i", "polar angle(s) of the light, from the normal, at most 90°", parse_numbers, example="30,45"
-    ),
-    QueryParameter(
-        "theta_o", "polar angle(s) of the viewer, from the normal, at most 90°", parse_numbers, example="30"
-    ),
-    QueryParameter("delta_phi", "phi_o - phi_i; mirror direction at 180°", parse_numbers, example="180"),
-    ANGLES,
-    OUTSIDE,
-    STATUS,
-)
-POST_QUERY = (
-    QueryParameter(
-        "angles",
-        "unit of the angles: degrees or radians; default: what a JSON body says, else degrees",
-        choice("deg", "rad"),
-        {"type": "string", "enum": ["deg", "rad"]},
-        default=None,
-    ),
-    QueryParameter(
-        "dtype",
-        "of an octet-stream body, little-endian: f4 (answered in f4) or f8",
-        choice("f4", "f8"),
-        {"type": "string", "enum": ["f4", "f8"]},
-        default=None,
-    ),
-    QueryParameter(
-        "input",
-        "what the body holds: angles theta_i, theta_o, delta_phi, or vectors wi, wo of shape (n, 3), normal +z; "
-        "default: what a JSON body's fields say, else angles",
-        choice("angles", "vectors"),
-        {"type": "string", "enum": ["angles", "vectors"]},
-        default=None,
-    ),
-    OUTSIDE,
-    STATUS,
-)
-_BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
-_ANSWER = {
-    MEDIA_TYPES["json"]: {"schema": ref(EvaluateAnswer)},
-    MEDIA_TYPES["octet"]: _BYTES,
-    MEDIA_TYPES["npy"]: _BYTES,
-}
-_BODY = {
-    MEDIA_TYPES["json"]: {"schema": {"anyOf": [ref(EvaluateRequest), ref(EvaluateVectors)]}},
-    MEDIA_TYPES["octet"]: _BYTES,
-    MEDIA_TYPES["npy"]: _BYTES,
-}
-_GET_REFUSALS = (404, 406, 409, 413, 503)
-_POST_REFUSALS = (400, 404, 406, 408, 409, 413, 415, 503)
 
 
-async def evaluate_get(request: Request, address: Address) -> Response:
-    """Answer a GET."""
-    state = state_of(request)
-    given = parse_query(request.scope["query_string"], QUERY)
-    angles = AngleRequest(
-        given["theta_i"], given["theta_o"], given["delta_phi"], given["angles"], outside=given["outside"]
+class EvaluateQuery(Query):
+    """The directions of a GET."""
+
+    theta_i: Numbers = numbers("polar angle(s) of the light, from the normal, at most 90°", example="30,45")
+    theta_o: Numbers = numbers("polar angle(s) of the viewer, from the normal, at most 90°", example="30")
+    delta_phi: Numbers = numbers("phi_o - phi_i; mirror direction at 180°", example="180")
+    angles: Unit = ANGLES
+    outside: Outside = OUTSIDE
+    status: Flag = _STATUS
+
+
+class EvaluateOptions(Query):
+    """What a POST says of its body."""
+
+    angles: Unit | None = Field(
+        None, description="unit of the angles: degrees or radians; default: what a JSON body says, else degrees"
     )
-    kind = kind_of_answer(request.headers, "json")
-    found = await address.find(request)
-    headers = found.headers(request, MEDIA_TYPES[kind])
-    headers["vary"] = "Accept"
-    # angles are only checked while they are evaluated; a wrong question still gets no 304, as its ETag was never
-    # given out
-    return found.unchanged(request, headers) or await _answer(
-        request, state, found, angles, kind, given["status"], headers, lasting=found.by_id
+    dtype: Literal["f4", "f8"] | None = Field(
+        None, description="of an octet-stream body, little-endian: f4 (answered in f4) or f8"
     )
+    input: Form | None = Field(
+        None,
+        description="what the body holds: angles theta_i, theta_o, delta_phi, or vectors wi, wo of shape (n, 3), "
+        "normal +z; default: what a JSON body's fields say, else angles",
+    )
+    outside: Outside = OUTSIDE
+    status: Flag = _STATUS
 
 
-async def evaluate_post(request: Request, address: Address) -> Response:
-    """Answer a POST."""
-    state = state_of(request)
-    given = parse_query(request.scope["query_string"], POST_QUERY)
-    sent = kind_of_body(request.headers)
-    kind = kind_of_answer(request.headers, sent)
-    found = await address.find(request)
-    asked = await _asked(request, sent, given, state)
-    if isinstance(asked, VectorRequest):
-        no_angle_options(given["angles"], given["outside"], given["status"])
-    headers = {"cache-control": "no-store"}
-    return await _answer(request, state, found, asked, kind, given["status"], headers)
-
-
-HANDLERS: dict[str, Callable[[Request, Address], Awaitable[Response]]] = {"GET": evaluate_get, "POST": evaluate_post}
-
-
-async def _asked(request: Request, sent: Kind, given: dict[str, Any], state: State) -> Asked:
-    settings, vectors = state.settings, given["input"] == "vectors"
-    limit, seconds = settings.max_body_bytes, settings.body_seconds
-    unit: Unit = given["angles"] or "deg"
-    if sent == "octet":
-        body = await read_array(request, limit, seconds)
-        if vectors:
-            return vectors_from_octets(body, given["dtype"] or "f8", settings)
-        return angles_from_octets(body, given["dtype"] or "f8", unit, given["outside"], settings)
-    if sent == "npy":
-        body = await read_array(request, limit, seconds)
-        if vectors:
-            return vectors_from_npy(body, given["dtype"], settings)
-        return angles_from_npy(body, given["dtype"], unit, given["outside"], settings)
-    text = await read_json_numbers(request, settings)
-    options = (given["input"], given["angles"], given["outside"])
-    if len(text) <= INLINE_BODY:
-        return directions_from_json(text, *options)
-    return await run_sync(directions_from_json, text, *options, limiter=state.working)
-
-
-async def _answer(
-    request: Request,
-    state: State,
-    found: Addressed,
-    asked: Asked,
-    kind: Kind,
-    status: bool,
-    headers: dict[str, str],
-    *,
-    lasting: bool = False,
-) -> Response:
-    material, points = found.material, asked.points
-    check_points(points, state.settings)
-    values = points * len(material.brdf.channels)
-    check_values(values, state.settings)
-    made: Evaluated
-    if (
-        values <= INLINE_VALUES[material.facts["kind"]] and state.ready
-    ):  # before that a kernel may have to be compiled first
-        made = answer(material, asked, kind, status, lasting=lasting)
+async def evaluate(request: Request, address: Address) -> Response:
+    """The answer to a GET or a POST."""
+    state: State = request.scope["brdf.state"]
+    text = request.scope["query_string"]
+    asked: Directions
+    if request.scope["method"] == "GET":
+        query = parse_query(text, EvaluateQuery)
+        asked, status = Angles(query.theta_i, query.theta_o, query.delta_phi, query.angles, query.outside), query.status
+        kind = kind_of_answer(request.headers, "json")
+        material, lasting = await address.find(request)
+        headers = material_headers(request, material.id, material.tag, lasting, MEDIA_TYPES[kind])
+        headers["vary"] = "Accept"
+        # angles are only checked while they are evaluated; a wrong question still gets no 304, as its ETag was never
+        # given out
+        unchanged = not_modified(request, headers)
+        if unchanged is not None:
+            return unchanged
     else:
-        limiter = state.large if values > LARGE_VALUES else state.working
-        made = await run_sync(partial(answer, material, asked, kind, status, lasting=lasting), limiter=limiter)
+        options, sent = parse_query(text, EvaluateOptions), kind_of_body(request.headers)
+        kind, status, lasting = kind_of_answer(request.headers, sent), options.status, False
+        material, _ = await address.find(request)
+        asked, headers = await _body(request, sent, options, state), {"cache-control": "no-store"}
+        if isinstance(asked, Vectors):
+            no_angle_options(options.angles, options.outside, status)
+    channels = len(material.brdf.channels)
+    points = count_points(asked, channels, state.settings)
+    values = points * channels
+    # before it is ready a kernel may have to be compiled first
+    inline = values <= INLINE_VALUES[material.facts["kind"]] and state.ready
+    answering = partial(answer, material, asked, points, kind, status, inline=inline, lasting=lasting)
+    limiter = state.large if values > _LARGE_VALUES else state.working
+    made = answering() if inline else await run_sync(answering, limiter=limiter)
     state.metrics.lookups += points
     state.metrics.lookup_seconds += made.seconds
     request.scope["brdf.lookup_seconds"] = made.seconds
-    headers.update(made.headers)
-    return Lean(made.body, headers, MEDIA_TYPES[kind])
+    return PlainResponse(made, headers, kind)
 
 
-def evaluate_routes(address: Address) -> APIRouter:
-    """The two evaluate operations under one way of naming a material."""
-    router = APIRouter(tags=[address.label])
+async def _body(request: Request, sent: str, options: EvaluateOptions, state: State) -> Directions:
+    settings, unit = state.settings, options.angles or "deg"
+    form, dtype = options.input or "angles", options.dtype
+    if sent == "json":
+        text = await read_json_numbers(request, settings)
+        reading = partial(directions_from_json, text, options.input, options.angles, options.outside)
+        return reading() if len(text) <= _INLINE_BODY else await run_sync(reading, limiter=state.working)
+    body = await read_array(request, settings.max_body_bytes, settings.body_seconds)
+    if sent == "npy":
+        return directions_from_npy(body, form, dtype, unit, options.outside, settings)
+    precision: Precision = dtype or "f8"
+    return directions_from_octets(body, form, precision, unit, options.outside, settings)
 
-    @router.get(
-        f"{address.prefix}/evaluate",
-        summary="f_r at the angles of the query",
-        description="Lists are separated by commas and broadcast as in numpy: equal lengths, or one value for all. "
-        "The Accept header picks JSON, plain numbers or .npy.",
-        operation_id=f"evaluate_get_{address.label}",
-        responses=answers(_ANSWER, "values[point][channel]", _GET_REFUSALS, cached=True),
-        openapi_extra=parameters(QUERY, [address.parameter]),
+
+#: Third part of the path -> how it names a material, and the route.
+_SHORT_CUTS: dict[str, tuple[Address | None, str]] = {a.label: (a, f"{a.prefix}/evaluate") for a in ADDRESSES}
+
+
+class EvaluateShortCut:
+    """Middleware that answers look-ups in front of the framework, whose layers, matching and parsing would cost more
+    than they do, in every spelling. The same function is behind the framework's routes, which document it."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http" and scope["path"].endswith("/evaluate") and scope["method"] in ("GET", "POST"):
+            parts = scope["path"].split("/")
+            address, route = _SHORT_CUTS.get(parts[2], (None, "")) if len(parts) == 5 else (None, "")
+            if address is not None and parts[1] == "v1" and parts[3]:
+                scope["brdf.route"] = route
+                scope["path_params"] = {address.variable: parts[3]}
+                response = await evaluate(Request(scope, receive), address)
+                await response(scope, receive, send)
+                return
+        await self.app(scope, receive, send)
+
+
+_ANSWER: tuple[Content, ...] = (EvaluateAnswer, MEDIA_TYPES["octet"], MEDIA_TYPES["npy"])
+_BODY: tuple[Content, ...] = ((EvaluateRequest, EvaluateVectors), MEDIA_TYPES["octet"], MEDIA_TYPES["npy"])
+_REFUSALS = (404, 406, 409, 413, 503)
+
+router = APIRouter()
+
+
+def _add(address: Address) -> None:
+    async def handler(request: Request) -> Response:
+        return await evaluate(request, address)
+
+    get = operation(
+        f"evaluate_get_{address.label}",
+        "f_r at the angles of the query",
+        "Lists are separated by commas and broadcast as in numpy: equal lengths, or one value for all. The Accept "
+        "header picks JSON, plain numbers or .npy.",
+        answer=_ANSWER,
+        says="values[point][channel]",
+        refusals=_REFUSALS,
+        cached=True,
+        path=[address.parameter],
+        query=EvaluateQuery,
     )
-    async def get(request: Request) -> Response:
-        return await evaluate_get(request, address)
-
-    @router.post(
-        f"{address.prefix}/evaluate",
-        summary="f_r at the angles of the body",
-        description="For lists too long for a URL. JSON; or an octet-stream of three C-order rows theta_i, theta_o, "
-        "delta_phi; or a .npy file of shape (3, n). Vectors instead of angles: the JSON fields wi and wo, or with "
-        "input=vectors two C-order blocks wi and wo of (n, 3) numbers, or a .npy file of shape (2, n, 3). The Accept "
-        "header picks the kind of the answer, by default the body's own: JSON; an octet-stream of "
-        "values[point][channel]; or a .npy file. With status=true one byte a point follows the values, or a second "
-        ".npy. The headers X-Brdf-Shape, -Dtype, -Channels, -Angles, -Id, -Error and -Has-Delta say the rest.",
-        operation_id=f"evaluate_post_{address.label}",
-        responses=answers(_ANSWER, "values[point][channel]", _POST_REFUSALS, cached=False),
-        openapi_extra={
-            **parameters(POST_QUERY, [address.parameter]),
-            "requestBody": {"required": True, "content": _BODY},
-        },
+    post = operation(
+        f"evaluate_post_{address.label}",
+        "f_r at the angles of the body",
+        "For lists too long for a URL. JSON; or an octet-stream of three C-order rows theta_i, theta_o, delta_phi; or "
+        "a .npy file of shape (3, n). Vectors instead of angles: the JSON fields wi and wo, or with input=vectors two "
+        "C-order blocks wi and wo of (n, 3) numbers, or a .npy file of shape (2, n, 3). The Accept header picks the "
+        "kind of the answer, by default the body's own: JSON; an octet-stream of values[point][channel]; or a .npy "
+        "file. With status=true one byte a point follows the values, or a second .npy. The headers X-Brdf-Shape, "
+        "-Dtype, -Channels, -Angles, -Id, -Error and -Has-Delta say the rest.",
+        answer=_ANSWER,
+        says="values[point][channel]",
+        refusals=(400, 408, 415, *_REFUSALS),
+        path=[address.parameter],
+        query=EvaluateOptions,
+        body=_BODY,
     )
-    async def post(request: Request) -> Response:
-        return await evaluate_post(request, address)
+    for method, declared in (("GET", get), ("POST", post)):
+        router.add_api_route(f"{address.prefix}/evaluate", handler, methods=[method], tags=[address.label], **declared)
 
-    return router
+
+for _address in ADDRESSES:
+    _add(_address)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from brdf_service.http.errors import NotReadyError
-from brdf_service.http.openapi import answers, ref
-from brdf_service.http.query import parse_query
-from brdf_service.schemas import Live, Ready
+from brdf_service.http.openapi import operation
+from brdf_service.http.query import NoQuery, parse_query
+from brdf_service.schemas.service import Live, Ready
 from brdf_service.state import state_of
 from fastapi import APIRouter
 from starlette.requests import Request
@@ -13,47 +13,39 @@ from starlette.responses import JSONResponse, Response
 
 import brdfcore as bc
 
-router = APIRouter(prefix="/health", tags=["health"])
+router = APIRouter(tags=["health"])
 
 
-@router.get(
-    "/live",
-    summary="the process answers",
-    operation_id="live",
-    responses=answers({"application/json": {"schema": ref(Live)}}, "alive", (), cached=False),
-)
+@router.get("/health/live", **operation("live", "the process answers", answer=(Live,), says="alive"))
 async def live(request: Request) -> Response:
-    parse_query(request.scope["query_string"], ())
+    parse_query(request.scope["query_string"], NoQuery)
     return JSONResponse({"status": "live", "version": bc.__version__})
 
 
 @router.get(
-    "/ready",
-    summary="the kernels are compiled",
-    description="503 until no request has to wait for a compiler: send traffic after it.",
-    operation_id="ready",
-    responses=answers({"application/json": {"schema": ref(Ready)}}, "ready", (503,), cached=False),
+    "/health/ready",
+    **operation(
+        "ready",
+        "the kernels are compiled",
+        "503 until no request has to wait for a compiler: send traffic after it.",
+        answer=(Ready,),
+        says="ready",
+        refusals=(503,),
+    ),
 )
 async def ready(request: Request) -> Response:
-    parse_query(request.scope["query_string"], ())
+    parse_query(request.scope["query_string"], NoQuery)
     if not state_of(request).ready:
-        raise NotReadyError(
-            "warming_up", "the kernels are being compiled; it answers already, but slowly", retry_after=1
-        )
+        said = "the kernels are being compiled; it answers already, but slowly"
+        raise NotReadyError("warming_up", said, retry_after=1)
     return JSONResponse({"status": "ready", "version": bc.__version__})
 
 
-metrics_router = APIRouter(tags=["health"])
-
-
-@metrics_router.get(
-    "/metrics",
-    summary="counters for Prometheus",
-    operation_id="metrics",
-    responses=answers({"text/plain": {"schema": {"type": "string"}}}, "text format 0.0.4", (), cached=False),
+@router.get(
+    "/metrics", **operation("metrics", "counters for Prometheus", answer=("text/plain",), says="text format 0.0.4")
 )
 async def metrics(request: Request) -> Response:
-    parse_query(request.scope["query_string"], ())
+    parse_query(request.scope["query_string"], NoQuery)
     state = state_of(request)
     library, jobs = state.library, state.jobs.counts()
     gauges = {

@@ -4,48 +4,55 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import Any
 
-from brdf_service.evaluate.json_codec import to_json
-from brdf_service.http.openapi import answers, parameters, ref
-from brdf_service.http.query import parse_query
+from anyio.to_thread import run_sync
+from brdf_service.http.errors import NotFoundError
+from brdf_service.http.json import to_json
+from brdf_service.http.openapi import content_of, operation
+from brdf_service.http.query import NoQuery, parse_query
 from brdf_service.http.security import check_write
-from brdf_service.schemas import JobAnswer
+from brdf_service.library.writing import Condition
+from brdf_service.schemas.work import JobAnswer
 from brdf_service.state import State, state_of
-from brdf_service.work.jobs import Job
+from brdf_service.work.jobs import Job, JobKind
 from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 #: Seconds between two looks at a job, and between two signs of life to the caller.
 _LOOK, _ALIVE = 0.1, 15.0
-JOB_PARAMETER: dict[str, Any] = {
-    "name": "id",
-    "in": "path",
-    "required": True,
-    "description": "id of the job",
-    "schema": {"type": "string", "pattern": "^[0-9a-f]{32}$"},
-}
-_JOB = {"application/json": {"schema": ref(JobAnswer)}}
-_EVENTS: dict[str, Any] = {
-    "text/event-stream": {
-        "schema": {
-            "type": "object",
-            "description": "one event; data is the job as JSON",
-            "properties": {name: {"type": "string"} for name in ("id", "event", "data")},
-        }
-    }
+_ID = {"type": "string", "pattern": "^[0-9a-f]{32}$"}
+_PATH: list[dict[str, Any]] = [
+    {"name": "id", "in": "path", "required": True, "description": "id of the job", "schema": _ID}
+]
+_EVENT = {
+    "type": "object",
+    "description": "one event; data is the job as JSON",
+    "properties": {name: {"type": "string"} for name in ("id", "event", "data")},
 }
 #: The 202 answer of an operation that takes long.
 ACCEPTED: dict[int | str, Any] = {
     202: {
         "description": "a job does it; Location says where to ask about it",
-        "content": _JOB,
+        "content": content_of(JobAnswer),
         "headers": {"Location": {"required": True, "schema": {"type": "string"}}},
     }
 }
 
 router = APIRouter(prefix="/v1/jobs/{id}", tags=["jobs"])
+
+
+@asynccontextmanager
+async def new_job(state: State, kind: JobKind, name: str, condition: Condition) -> AsyncIterator[Job]:
+    """A job to submit inside; one that was not submitted for an error is forgotten."""
+    job = await run_sync(state.jobs.start, kind, name, condition)
+    try:
+        yield job
+    except BaseException:
+        state.jobs.drop(job)
+        raise
 
 
 def accepted(state: State, job: Job) -> Response:
@@ -56,11 +63,15 @@ def accepted(state: State, job: Job) -> Response:
 
 @router.get(
     "",
-    summary="how far a job is",
-    description="Kept for an hour after its end. `code` is job_lost if this process does not know it (any more).",
-    operation_id="job",
-    responses=answers(_JOB, "state and progress", (404,), cached=False),
-    openapi_extra=parameters((), [JOB_PARAMETER]),
+    **operation(
+        "job",
+        "how far a job is",
+        "Kept for an hour after its end. `code` is job_lost if this process does not know it (any more).",
+        answer=(JobAnswer,),
+        says="state and progress",
+        refusals=(404,),
+        path=_PATH,
+    ),
 )
 async def job_get(request: Request) -> Response:
     state, job = _find(request)
@@ -69,11 +80,15 @@ async def job_get(request: Request) -> Response:
 
 @router.get(
     "/events",
-    summary="a job's progress as it happens",
-    description="Server-sent events, each the job as JSON, until it has ended.",
-    operation_id="job_events",
-    responses=answers(_EVENTS, "events", (404,), cached=False),
-    openapi_extra=parameters((), [JOB_PARAMETER]),
+    **operation(
+        "job_events",
+        "a job's progress as it happens",
+        "Server-sent events, each the job as JSON, until it has ended.",
+        answer=({"text/event-stream": {"schema": _EVENT}},),
+        says="events",
+        refusals=(404,),
+        path=_PATH,
+    ),
 )
 async def job_events(request: Request) -> Response:
     state, job = _find(request)
@@ -84,11 +99,15 @@ async def job_events(request: Request) -> Response:
 
 @router.delete(
     "",
-    summary="cancel a job",
-    description="One that has ended stays as it is.",
-    operation_id="cancel_job",
-    responses=answers(_JOB, "the job, ended", (401, 403, 404), cached=False),
-    openapi_extra=parameters((), [JOB_PARAMETER]),
+    **operation(
+        "cancel_job",
+        "cancel a job",
+        "One that has ended stays as it is.",
+        answer=(JobAnswer,),
+        says="the job, ended",
+        refusals=(401, 403, 404),
+        path=_PATH,
+    ),
 )
 async def job_delete(request: Request) -> Response:
     check_write(state_of(request).settings, request.headers)
@@ -97,8 +116,29 @@ async def job_delete(request: Request) -> Response:
     return Response(_told(state, job), 200, media_type="application/json")
 
 
+@router.get(
+    "/pareto.png",
+    **operation(
+        "pareto_picture",
+        "the picture of a report",
+        "Once its job is done.",
+        answer=("image/png",),
+        says="PNG",
+        refusals=(404,),
+        path=_PATH,
+    ),
+)
+async def picture(request: Request) -> Response:
+    _, job = _find(request)
+    if job.picture is None:
+        said = f"this job ({job.kind}, {job.state}) has no picture; a pareto job has one once it is done"
+        expected = "the id of a pareto job that is done"
+        raise NotFoundError("no_picture", said, where="id", got=job.state, expected=expected)
+    return Response(job.picture, 200, {"cache-control": "private, max-age=3600"}, media_type="image/png")
+
+
 def _find(request: Request) -> tuple[State, Job]:
-    parse_query(request.scope["query_string"], ())
+    parse_query(request.scope["query_string"], NoQuery)
     state = state_of(request)
     return state, state.jobs.get(request.path_params["id"])
 

@@ -1,133 +1,102 @@
-"""The list of materials, and everything about one of them by its name."""
+"""The list of materials, and everything about one of them by its name and by its id."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from brdf_service.evaluate.json_codec import to_json
+from anyio.to_thread import run_sync
 from brdf_service.http.caching import BY_NAME, etag_of, not_modified
-from brdf_service.http.openapi import answers, parameters, ref
-from brdf_service.http.query import QueryParameter, parse_query, whole_number
-from brdf_service.routes.addressing import BY_NAME_ADDRESS, Address, page_of
-from brdf_service.routes.parts import PARTS
-from brdf_service.schemas import MaterialLine, MaterialList
+from brdf_service.http.json import to_json
+from brdf_service.http.openapi import operation
+from brdf_service.http.query import Query, WholeNumber, parse_query
+from brdf_service.library.materials import Library, Material, Page
+from brdf_service.routes.analyses import ANALYSES
+from brdf_service.routes.harmonics import HARMONICS
+from brdf_service.routes.pictures import PICTURES
+from brdf_service.routes.resource import Resource, add_resources
+from brdf_service.schemas.materials import MaterialLine, MaterialList
 from brdf_service.state import state_of
 from fastapi import APIRouter
+from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import Response
 
-LARGEST_PAGE = 1000
-_MOST = 10**9
-
-PAGING = (
-    QueryParameter(
-        "limit",
-        "most materials in the answer",
-        whole_number(1, LARGEST_PAGE),
-        {"type": "integer", "minimum": 1, "maximum": LARGEST_PAGE},
-        default=100,
-    ),
-    QueryParameter(
-        "offset",
-        "materials to pass over, in order of their names",
-        whole_number(0, _MOST),
-        {"type": "integer", "minimum": 0, "maximum": _MOST},
-        default=0,
-    ),
-)
+#: What a material answers to a GET.
+RESOURCES = (*PICTURES, *ANALYSES, *HARMONICS)
 
 
-def links(name: str, facts: dict[str, Any]) -> dict[str, str]:
-    """Paths of a material's answers; one that cannot be used has only itself."""
-    by_name = f"/v1/materials/{name}"
-    if "problem" in facts:
-        return {"self": by_name}
-    by_id = f"/v1/tables/{facts['id']}"
-    return {
-        "self": by_name,
-        "page": f"/materials/{name}",
-        "evaluate": f"{by_name}/evaluate",
-        "slice": f"{by_name}/slice.svg?theta_i=30,60",
-        "sphere": f"{by_name}/sphere.png",
-        "albedo": f"{by_name}/albedo?theta_i=0,30,60",
-        "checks": f"{by_name}/checks",
-        "gloss": f"{by_name}/gloss",
-        "harmonics": f"{by_name}/harmonics?lmax=16",
-        "report": f"{by_name}/report",
-        "coverage": f"{by_name}/coverage.svg",
-        "permanent": by_id,
-        "permanent_slice": f"{by_id}/slice.svg?theta_i=30,60",
-    }
+class Paging(Query):
+    """Which materials of the list."""
+
+    limit: WholeNumber = Field(100, ge=1, le=1000, description="most materials in the answer")
+    offset: WholeNumber = Field(0, ge=0, le=10**9, description="materials to pass over, in order of their names")
 
 
 def with_links(name: str, facts: dict[str, Any]) -> dict[str, Any]:
-    """One line of the list."""
-    return {**facts, "links": links(name, facts)}
+    """One line of the list: facts, and paths of the material's answers; one that cannot be used has only itself."""
+    by_name = f"/v1/materials/{name}"
+    links = {"self": by_name}
+    if "problem" not in facts:
+        by_id = f"/v1/tables/{facts['id']}"
+        links |= {"page": f"/materials/{name}", "evaluate": f"{by_name}/evaluate", "relight": f"{by_name}/relight"}
+        for resource in RESOURCES:
+            if resource.example is not None:
+                query = f"?{resource.example}" if resource.example else ""
+                links[resource.name.partition(".")[0]] = f"{by_name}/{resource.name}{query}"
+        links |= {"permanent": by_id, "permanent_slice": f"{by_id}/slice.svg?theta_i=30,60"}
+    return {**facts, "links": links}
 
 
-def metadata_route(address: Address) -> APIRouter:
-    """The metadata operation under one way of naming a material."""
-    router = APIRouter(tags=[address.label])
-
-    @router.get(
-        address.prefix,
-        summary="what is known of a material",
-        operation_id=f"metadata_{address.label}",
-        responses=answers(
-            {"application/json": {"schema": ref(MaterialLine)}},
-            "channels, bytes, flags, measured error, source",
-            (404, 409, 503),
-            cached=True,
-        ),
-        openapi_extra=parameters((), [address.parameter]),
-    )
-    async def metadata(request: Request) -> Response:
-        parse_query(request.scope["query_string"], ())
-        found = await address.find(request)
-        # a file's name, its source and its measured error may be others tomorrow for the same id
-        headers = found.headers(request, lasting=False)
-        body = to_json(with_links(found.material.name, found.material.facts))
-        return found.unchanged(request, headers) or Response(body, 200, headers, media_type="application/json")
-
-    return router
+def _metadata(material: Material, _: Query) -> dict[str, Any]:
+    return with_links(material.name, material.facts)
 
 
-def _list_route() -> APIRouter:
-    router = APIRouter(tags=["materials"])
-
-    @router.get(
-        "/v1/materials",
-        summary="the materials, in order of their names",
-        operation_id="materials",
-        responses=answers(
-            {"application/json": {"schema": ref(MaterialList)}}, "a page of the list", (503,), cached=True
-        ),
-        openapi_extra=parameters(PAGING),
-    )
-    async def materials(request: Request) -> Response:
-        library = state_of(request).library
-        asked = parse_query(request.scope["query_string"], PAGING)
-        offset, limit = asked["offset"], asked["limit"]
-        page = await page_of(library, offset, limit)
-        end = offset + len(page.lines)
-        body = to_json(
-            {
-                "materials": [with_links(line.name, line.facts) for line in page.lines],
-                "total": page.total,
-                "offset": offset,
-                "limit": limit,
-                "next": f"/v1/materials?limit={limit}&offset={end}" if end < page.total and page.lines else None,
-                "skipped": page.skipped,
-            }
-        )
-        etag = etag_of(request, body.decode())
-        headers = {"etag": etag, "cache-control": BY_NAME}
-        return not_modified(request, etag, headers) or Response(body, 200, headers, media_type="application/json")
-
-    return router
-
-
+METADATA = Resource(
+    "",
+    "what is known of a material",
+    content=MaterialLine,
+    says="channels, bytes, flags, measured error, source",
+    compute=_metadata,
+    # a file's name, its source and its measured error may be others tomorrow for the same id
+    lasting=False,
+)
 router = APIRouter()
-router.include_router(_list_route())
-for _part in (metadata_route, *PARTS):
-    router.include_router(_part(BY_NAME_ADDRESS))
+add_resources(router, (METADATA, *RESOURCES))
+
+
+async def page_of(library: Library, offset: int, limit: int) -> Page:
+    """A page of the list of materials; off the event loop if files have to be read, or many looked at."""
+    page = library.peek_page(offset, limit)
+    return page if page is not None else await run_sync(library.page, offset, limit)
+
+
+@router.get(
+    "/v1/materials",
+    tags=["materials"],
+    **operation(
+        "materials",
+        "the materials, in order of their names",
+        answer=(MaterialList,),
+        says="a page of the list",
+        refusals=(503,),
+        cached=True,
+        query=Paging,
+    ),
+)
+async def materials(request: Request) -> Response:
+    asked = parse_query(request.scope["query_string"], Paging)
+    page = await page_of(state_of(request).library, asked.offset, asked.limit)
+    end = asked.offset + len(page.lines)
+    more = end < page.total and page.lines
+    body = to_json(
+        {
+            "materials": [with_links(line.name, line.facts) for line in page.lines],
+            "total": page.total,
+            "offset": asked.offset,
+            "limit": asked.limit,
+            "next": f"/v1/materials?limit={asked.limit}&offset={end}" if more else None,
+            "skipped": page.skipped,
+        }
+    )
+    headers = {"etag": etag_of(request, body.decode()), "cache-control": BY_NAME}
+    return not_modified(request, headers) or Response(body, 200, headers, media_type="application/json")

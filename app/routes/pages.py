@@ -10,12 +10,15 @@ from urllib.parse import urlencode
 
 from brdf_service.http.caching import BY_NAME, not_modified
 from brdf_service.http.errors import NotFoundError
-from brdf_service.http.query import QueryParameter, choice, parse_query, text, whole_number
+from brdf_service.http.query import NoQuery, Query, WholeNumber, parse_query
 from brdf_service.http.security import NO_REFERRER, PAGE_POLICY
 from brdf_service.http.templates import Html, fill, join, web_file
-from brdf_service.routes.addressing import by_name, page_of
+from brdf_service.routes.address import by_name
+from brdf_service.routes.materials import RESOURCES, page_of
+from brdf_service.routes.pictures import Scale, View
 from brdf_service.state import state_of
 from fastapi import APIRouter
+from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -33,19 +36,25 @@ _STATIC = {
 #: What a picture of the start page shows: three angles tell a lobe's growth, the logarithm shows all of it.
 _OVERVIEW = {"theta_i": "0,30,60", "scale": "log"}
 
-_OFFSET = QueryParameter("offset", "materials to pass over", whole_number(0, 10**9), default=0)
-# what is typed into the form goes to the picture's address, which says what is wrong with it
-_DRAWN = (
-    QueryParameter("theta_i", "angles of the light, degrees", text(200), default=_OVERVIEW["theta_i"]),
-    QueryParameter("view", "view", choice("polar", "hemisphere"), default="polar"),
-    QueryParameter("scale", "scale", choice("linear", "log"), default=_OVERVIEW["scale"]),
-    QueryParameter("channel", "channel", lambda _, given: given[:40], default=""),
-)
+
+class StartQuery(Query):
+    """Which materials the start page shows."""
+
+    offset: WholeNumber = Field(0, ge=0, le=10**9, description="materials to pass over")
+
+
+class MaterialPageQuery(Query):
+    """The picture on a material's page; what is typed into the form goes to its address, which says what is wrong."""
+
+    theta_i: str = Field(_OVERVIEW["theta_i"], max_length=200, description="angles of the light, degrees")
+    view: View = Field("polar", description="view")
+    scale: Scale = Field("log", description="scale")
+    channel: str = Field("", description="channel")
 
 
 @router.get("/")
 async def start(request: Request) -> Response:
-    offset = parse_query(request.scope["query_string"], (_OFFSET,))["offset"]
+    offset = parse_query(request.scope["query_string"], StartQuery).offset
     library = state_of(request).library
     listed = await page_of(library, offset, PER_PAGE)
     lines, total = listed.lines, listed.total
@@ -67,12 +76,12 @@ async def start(request: Request) -> Response:
 
 @router.get("/materials/{name}")
 async def material(request: Request) -> Response:
-    asked = parse_query(request.scope["query_string"], _DRAWN)
+    asked = parse_query(request.scope["query_string"], MaterialPageQuery)
     found = (await by_name(request)).material
     facts, base = found.facts, str(request.base_url).rstrip("/")
     channels = found.brdf.channels
-    picked = asked["channel"] if asked["channel"] in map(str, channels) else ""
-    shown = {k: asked[k] for k in ("theta_i", "view", "scale")} | ({"channel": picked} if picked else {})
+    picked = asked.channel if asked.channel in map(str, channels) else ""
+    shown = asked.model_dump(include={"theta_i", "view", "scale"}) | ({"channel": picked} if picked else {})
     path = f"/v1/materials/{found.name}"
     page = fill(
         "material.html",
@@ -84,9 +93,9 @@ async def material(request: Request) -> Response:
         picture=f"{path}/slice.svg?{_query(shown)}",
         path=path,
         permanent=f"/v1/tables/{found.id}",
-        theta_i=asked["theta_i"],
-        views=_options({"polar": "plane of incidence", "hemisphere": "all directions"}, asked["view"]),
-        scales=_options({"linear": "linear", "log": "logarithmic"}, asked["scale"]),
+        theta_i=asked.theta_i,
+        views=_options({"polar": "plane of incidence", "hemisphere": "all directions"}, asked.view),
+        scales=_options({"linear": "linear", "log": "logarithmic"}, asked.scale),
         channels=_options(
             {"": "default"} | {str(c): label for c, label in zip(channels, channels.labels(), strict=True)}, picked
         ),
@@ -100,7 +109,7 @@ async def material(request: Request) -> Response:
 
 @router.get("/docs")
 async def docs(request: Request) -> Response:
-    parse_query(request.scope["query_string"], ())
+    parse_query(request.scope["query_string"], NoQuery)
     document = request.app.openapi()
     schemas = document["components"]["schemas"]
     operations = [
@@ -128,7 +137,7 @@ def _page(request: Request, page: Html) -> Response:
 def _cached(request: Request, body: bytes, media_type: str, headers: Mapping[str, str]) -> Response:
     etag = f'"{hashlib.sha256(body).hexdigest()[:32]}"'
     sent = {"etag": etag, "cache-control": BY_NAME, **headers}
-    return not_modified(request, etag, sent) or Response(body, 200, sent, media_type=media_type)
+    return not_modified(request, sent) or Response(body, 200, sent, media_type=media_type)
 
 
 def _card(facts: Mapping[str, Any], base: str) -> Html:
@@ -225,15 +234,10 @@ def _facts_table(facts: Mapping[str, Any]) -> Html:
 
 def _analyses(path: str, report: Mapping[str, Any]) -> Html:
     """Links to what the service can say of a material; the measured angles only where there are some."""
-    offered = {
-        "energy, reciprocity, sign": "checks",
-        "gloss": "gloss",
-        "albedo": "albedo?theta_i=0,30,60,80,89",
-        "spherical harmonics": "harmonics.svg?lmax=16",
-        "how it was read": "report",
-        **({"measured angles": "coverage.svg"} if "coverage" in report else {}),
-    }
-    return join(Html(f'<a href="{path}/{address}">{text}</a> ') for text, address in offered.items())
+    offered = (r for r in RESOURCES if r.title and (not r.name.startswith("coverage") or "coverage" in report))
+    return join(
+        Html(f'<a href="{path}/{r.name}{"?" + r.example if r.example else ""}">{r.title}</a> ') for r in offered
+    )
 
 
 def _curl(name: str, base: str) -> Html:

@@ -2,169 +2,167 @@
 
 from __future__ import annotations
 
-import json
+import math
 from pathlib import Path
 from typing import Any
 
 from anyio.to_thread import run_sync
-from brdf_service.evaluate.json_codec import load, to_json
 from brdf_service.http.bodies import pieces, read_json_body
 from brdf_service.http.caching import etag_of_material
 from brdf_service.http.errors import MediaTypeError
-from brdf_service.http.openapi import HEADERS, answers, parameters, ref
-from brdf_service.http.query import QueryParameter, choice, json_object, parse_query
+from brdf_service.http.json import model_from_json, to_json, validated
+from brdf_service.http.openapi import content_of, operation
+from brdf_service.http.query import JsonObject, NoQuery, Q, Query, parse_query
 from brdf_service.http.security import check_write
 from brdf_service.library.writing import Condition, check_name
-from brdf_service.routes.addressing import BY_NAME_ADDRESS
-from brdf_service.routes.jobs import ACCEPTED, accepted
+from brdf_service.routes.address import BY_NAME
+from brdf_service.routes.jobs import ACCEPTED, accepted, new_job
 from brdf_service.routes.materials import with_links
-from brdf_service.schemas import MaterialLine, MaterialModel, TabulateOptions
+from brdf_service.schemas.materials import MaterialLine
+from brdf_service.schemas.work import JobAnswer, MaterialModel, TabulateOptions
 from brdf_service.settings import Settings
 from brdf_service.state import State, state_of
 from fastapi import APIRouter
-from pydantic import ValidationError
+from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import Response
 
 import brdfcore as bc
 
 #: Far above any list of parameters.
-MAX_MODEL_BYTES = 1_000_000
+_MOST_BYTES = 1_000_000
 _EXAMPLE = '{"model": "cook_torrance", "parameters": {"roughness": 0.2, "ior": "gold"}}'
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_BYTES_A_VALUE = 8
-_PREFIX = BY_NAME_ADDRESS.prefix
-_STORED = {"application/json": {"schema": ref(MaterialLine)}}
 _REFUSALS = (401, 403, 408, 409, 412, 413, 503)
+_STORED = ("ETag", "Location")
 
-UPLOAD_QUERY = (
-    QueryParameter(
-        "format",
-        "format of the file; default: what its content says",
-        choice(*bc.formats()),
-        {"type": "string", "enum": list(bc.formats())},
-        default=None,
-    ),
-    QueryParameter(
-        "options",
-        'options of the format\'s reader as a JSON object, for example {"negatives":"zero"}',
-        json_object,
-        default=None,
-        example='{"negatives":"zero"}',
-    ),
-    QueryParameter(
-        "tabulate",
-        "tabulate what was read, with these options, as a JSON object; default: the table that the file holds, if it "
-        "holds one",
-        json_object,
-        default=None,
-        example='{"tolerance":0.01}',
-    ),
-)
+
+class UploadQuery(Query):
+    """How the file is read, and what becomes of it."""
+
+    format: str | None = Field(
+        None,
+        description="format of the file; default: what its content says",
+        pattern=f"^({'|'.join(bc.formats())})$",
+        json_schema_extra={"enum": list(bc.formats())},
+    )
+    options: JsonObject | None = Field(
+        None,
+        description='options of the format\'s reader as a JSON object, for example {"negatives":"zero"}',
+        examples=['{"negatives":"zero"}'],
+    )
+    tabulate: JsonObject | None = Field(
+        None,
+        description="tabulate what was read, with these options, as a JSON object; default: the table that the file "
+        "holds, if it holds one",
+        examples=['{"tolerance":0.01}'],
+    )
+
 
 router = APIRouter(tags=["materials"])
 
 
 @router.put(
-    _PREFIX,
-    summary="store a model under a name",
-    description="Evaluated exactly, unless `tabulate` asks for a table: then 202 and a job. To replace a material send "
-    "If-Match with its ETag, or *.",
-    operation_id="put_material",
-    responses={
-        **answers(_STORED, "replaced", (400, 415, *_REFUSALS), cached=False),
-        201: {"description": "stored", "content": _STORED, "headers": HEADERS["stored"]},
-        **ACCEPTED,
-    },
-    openapi_extra={
-        **parameters((), [BY_NAME_ADDRESS.parameter], conditions=True),
-        "requestBody": {"required": True, "content": {"application/json": {"schema": ref(MaterialModel)}}},
-    },
+    BY_NAME.prefix,
+    **operation(
+        "put_material",
+        "store a model under a name",
+        "Evaluated exactly, unless `tabulate` asks for a table: then 202 and a job. To replace a material send "
+        "If-Match with its ETag, or *.",
+        answer=(MaterialLine,),
+        says="replaced",
+        refusals=(400, 415, *_REFUSALS),
+        path=[BY_NAME.parameter],
+        body=(MaterialModel,),
+        conditions=True,
+        more={
+            201: {
+                "description": "stored",
+                "content": content_of(MaterialLine),
+                "headers": {name: {"schema": {"type": "string"}} for name in _STORED},
+            },
+            **ACCEPTED,
+        },
+    ),
 )
 async def put(request: Request) -> Response:
-    state, name, condition = _writer(request, ())
-    body = await read_json_body(request, MAX_MODEL_BYTES, state.settings.body_seconds)
-    asked, options = _model(load(body, _EXAMPLE), state.settings)
+    state, name, condition, _ = _writer(request, NoQuery)
+    body = await read_json_body(request, _MOST_BYTES, state.settings.body_seconds)
+    asked = model_from_json(body, MaterialModel, _EXAMPLE)
     model = await run_sync(_make, asked)
-    if options is None:
+    if asked.tabulate is None:
         return await run_sync(_put_model, state, name, model, condition)
+    options = asked.tabulate.model_dump(exclude_unset=True)
     _check_table(options, len(model.channels), state.settings)
-    job = await run_sync(state.jobs.start, "tabulate", name, condition)
-    try:
+    async with new_job(state, "tabulate", name, condition) as job:
         await run_sync(state.store.check, name, condition)
-        state.jobs.submit(job, {**asked, "tabulate": options})
-    except BaseException:
-        state.jobs.drop(job)
-        raise
+        state.jobs.submit(job, {**asked.model_dump(exclude={"tabulate"}), "tabulate": options})
     return accepted(state, job)
 
 
 @router.post(
-    f"{_PREFIX}/upload",
-    summary="store a file under a name",
-    description="The body is the file, of any registered format. It is read by a process of its own, as a job; its "
-    "table is stored as it is, anything else is tabulated, and a model file stays a model. To replace a material send "
-    "If-Match with its ETag, or *.",
-    operation_id="upload_material",
-    responses={
-        202: ACCEPTED[202],
-        **{k: v for k, v in answers({}, "", (415, *_REFUSALS), cached=False).items() if k != 200},
-    },
-    openapi_extra={
-        **parameters(UPLOAD_QUERY, [BY_NAME_ADDRESS.parameter], conditions=True),
-        "requestBody": {
-            "required": True,
-            "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
-        },
-    },
+    f"{BY_NAME.prefix}/upload",
+    **operation(
+        "upload_material",
+        "store a file under a name",
+        "The body is the file, of any registered format. It is read by a process of its own, as a job; its table is "
+        "stored as it is, anything else is tabulated, and a model file stays a model. To replace a material send "
+        "If-Match with its ETag, or *.",
+        status=202,
+        answer=(JobAnswer,),
+        refusals=(415, *_REFUSALS),
+        path=[BY_NAME.parameter],
+        query=UploadQuery,
+        body=("application/octet-stream",),
+        conditions=True,
+        more=ACCEPTED,
+    ),
 )
 async def upload(request: Request) -> Response:
-    state, name, condition = _writer(request, UPLOAD_QUERY)
-    asked = parse_query(request.scope["query_string"], UPLOAD_QUERY)
-    options = None if asked["tabulate"] is None else _options(asked["tabulate"], state.settings)
+    state, name, condition, asked = _writer(request, UploadQuery)
+    settings = state.settings
+    options: dict[str, Any] | None = None
+    if asked.tabulate is not None:
+        options = validated(asked.tabulate, TabulateOptions, "tabulate.").model_dump(exclude_unset=True)
+        _check_table(options, 1, settings)
     await run_sync(state.store.check, name, condition)
-    job = await run_sync(state.jobs.start, "upload", name, condition)
-    try:
+    async with new_job(state, "upload", name, condition) as job:
         path = job.folder / name  # the readers tell the file by this name
-        await _receive(request, path, state.settings)
-        await run_sync(_check_file, path, asked["format"], state.settings)
-        task = {
-            "input": str(path),
-            "format": asked["format"],
-            "options": asked["options"] or {},
-            "tabulate": options,
-        }
-        state.jobs.submit(job, task)
-    except BaseException:
-        state.jobs.drop(job)
-        raise
+        with path.open("xb") as file:  # nothing of it is kept in memory
+            async for piece in pieces(request, settings.max_upload_bytes, settings.upload_seconds):
+                await run_sync(file.write, piece)
+        await run_sync(_check_file, path, asked.format, settings)
+        reading = {"input": str(path), "format": asked.format, "options": asked.options or {}}
+        state.jobs.submit(job, {**reading, "tabulate": options})
     return accepted(state, job)
 
 
 @router.delete(
-    _PREFIX,
-    summary="delete a material",
-    description="Takes If-Match with its ETag, or *.",
-    operation_id="delete_material",
-    responses={
-        204: {"description": "deleted"},
-        **{k: v for k, v in answers({}, "", (404, *_REFUSALS), cached=False).items() if k != 200},
-    },
-    openapi_extra=parameters((), [BY_NAME_ADDRESS.parameter], conditions=True),
+    BY_NAME.prefix,
+    **operation(
+        "delete_material",
+        "delete a material",
+        "Takes If-Match with its ETag, or *.",
+        status=204,
+        says="deleted",
+        refusals=(404, *_REFUSALS),
+        path=[BY_NAME.parameter],
+        conditions=True,
+    ),
 )
 async def delete(request: Request) -> Response:
-    state, name, condition = _writer(request, ())
+    state, name, condition, _ = _writer(request, NoQuery)
     await run_sync(state.store.delete, name, condition)
     return Response(status_code=204)
 
 
-def _writer(request: Request, query: tuple[QueryParameter, ...]) -> tuple[State, str, Condition]:
-    """Who writes what on which condition; whether it may is checked before anything of the body is read."""
+def _writer(request: Request, query: type[Q]) -> tuple[State, str, Condition, Q]:
+    """Who writes what on which condition, and the query; whether it may is checked before the body is read."""
     state, name = state_of(request), request.path_params["name"]
     check_write(state.settings, request.headers)
-    parse_query(request.scope["query_string"], query)
+    asked = parse_query(request.scope["query_string"], query)
     check_name(name)
-    return state, name, Condition.of(request.headers)
+    return state, name, Condition.of(request.headers), asked
 
 
 def _put_model(state: State, name: str, model: bc.Brdf, condition: Condition) -> Response:
@@ -175,79 +173,28 @@ def _put_model(state: State, name: str, model: bc.Brdf, condition: Condition) ->
     return Response(body, 200 if replaced else 201, headers, media_type="application/json")
 
 
-def _model(content: Any, settings: Settings) -> tuple[dict[str, Any], dict[str, Any] | None]:
-    """({model, parameters, about}, options of tabulate) of a PUT's body."""
-    try:
-        asked = MaterialModel.model_validate(content, strict=True)
-    except ValidationError as error:
-        raise explained(error) from error
-    options = None if asked.tabulate is None else _options(asked.tabulate.model_dump(exclude_unset=True), settings)
-    return {"model": asked.model, "parameters": asked.parameters, "about": asked.about}, options
-
-
-def _make(asked: dict[str, Any]) -> bc.Brdf:
-    if "name" in asked["parameters"]:  # would collide with the name of the model
+def _make(asked: MaterialModel) -> bc.Brdf:
+    if "name" in asked.parameters:  # would collide with the name of the model
         raise bc.UnknownNameError("unknown_parameter", "no model has a parameter 'name'", where="name")
     try:
-        model = bc.model(asked["model"], **asked["parameters"])
+        model = bc.model(asked.model, **asked.parameters)
     except bc.BrdfError:
         raise
     except (TypeError, ValueError, ArithmeticError) as error:  # a value of a kind that no model thought of
-        raise bc.InputError(
-            "bad_parameter", f"{asked['model'][:80]}: the parameters cannot be used", where="parameters"
-        ) from error
-    if asked["about"]:
-        model.metadata["about"] = asked["about"]
+        said = f"{asked.model}: the parameters cannot be used"
+        raise bc.InputError("bad_parameter", said, where="parameters") from error
+    if asked.about:
+        model.metadata["about"] = asked.about
     return model
-
-
-def _options(given: dict[str, Any], settings: Settings) -> dict[str, Any]:
-    """Options of tabulate, of the right types and sizes."""
-    try:
-        options = TabulateOptions.model_validate_json(json.dumps(given), strict=True).model_dump(exclude_unset=True)
-    except ValidationError as error:
-        raise explained(error, "tabulate.") from error
-    if "shape" in options and options["shape"] is not None:
-        _check_table(options, 1, settings)
-    return options
 
 
 def _check_table(options: dict[str, Any], channels: int, settings: Settings) -> None:
     """`LimitError` if the table that is asked for is larger than the service makes."""
-    size = options.get("max_bytes") or 0
-    if options.get("shape"):
-        size = channels * _BYTES_A_VALUE
-        for n in options["shape"]:
-            size *= n
-    if size > settings.max_table_bytes:
-        raise bc.LimitError(
-            "table_too_large",
-            f"the table would have {size} bytes; the limit is {settings.max_table_bytes}",
-            where="tabulate",
-            got=size,
-            limit=settings.max_table_bytes,
-        )
-
-
-def explained(error: ValidationError, where: str = "") -> bc.InputError:
-    """The first complaint about a body as an error of ours."""
-    first = error.errors(include_url=False, include_context=False)[0]
-    place = where + ".".join(str(part)[:40] for part in first["loc"]) or "body"
-    got, said = first["input"], first["msg"].removeprefix("Value error, ")  # the prefix of our own validators' words
-    return bc.InputError(
-        "bad_field",
-        f"{place[:100]}: {said}",
-        where=place[:100],
-        got=got if isinstance(got, (str, bool, int, float)) else type(got).__name__,
-        expected=said,
-    )
-
-
-async def _receive(request: Request, path: Path, settings: Settings) -> None:
-    """The body into a file; nothing of it is kept in memory."""
-    with path.open("xb") as file:
-        async for piece in pieces(request, settings.max_upload_bytes, settings.upload_seconds):
-            await run_sync(file.write, piece)
+    shape, limit = options.get("shape"), settings.max_table_bytes
+    size = 8 * channels * math.prod(shape) if shape else options.get("max_bytes") or 0
+    if size > limit:
+        said = f"the table would have {size} bytes; the limit is {limit}"
+        raise bc.LimitError("table_too_large", said, where="tabulate", got=size, limit=limit)
 
 
 def _check_file(path: Path, format: str | None, settings: Settings) -> None:

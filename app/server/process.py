@@ -14,7 +14,6 @@ from types import FrameType
 from typing import Any
 
 import uvicorn
-from brdf_service.server.quick import Quick
 from brdf_service.settings import Settings
 from brdf_service.state import State
 from starlette.types import ASGIApp
@@ -121,7 +120,7 @@ def server_options(state: State) -> dict[str, Any]:
         if error.name != "httptools":
             raise
         return {}
-    return {"http": protocol(state.settings, Quick(state))}
+    return {"http": protocol(state.settings, lambda *_: None)}
 
 
 def bound_arenas() -> None:

@@ -93,7 +93,7 @@ def expected_values(brdf: bc.Brdf, theta_i: Any, theta_o: Any, delta_phi: Any, *
 
 def assert_problem(answer: Any, status: int, code: str) -> dict[str, Any]:
     """The answer is a problem of this status and code, complete; its content."""
-    from brdf_service.schemas import Problem
+    from brdf_service.schemas.service import Problem
 
     assert answer.status_code == status, answer.text
     assert answer.headers["content-type"] == "application/problem+json"

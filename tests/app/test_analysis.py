@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from brdf_service.schemas import ChecksAnswer, GlossAnswer
+from brdf_service.schemas.analysis import ChecksAnswer, GlossAnswer
 from starlette.testclient import TestClient
 
 import brdfcore as bc

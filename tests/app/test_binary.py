@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from brdf_service.evaluate.binary import npy_head
+from brdf_service.evaluate.binary_body import npy_head
 from starlette.testclient import TestClient
 
 import brdfcore as bc

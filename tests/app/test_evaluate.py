@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from brdf_service.schemas import EvaluateAnswer
+from brdf_service.schemas.evaluate import EvaluateAnswer
 from starlette.testclient import TestClient
 
 from tests.app.conftest import Serve, assert_problem, expected_values, local

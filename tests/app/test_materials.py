@@ -10,7 +10,7 @@ import pytest
 from brdf_service.http.errors import MaterialDamagedError, NotFoundError
 from brdf_service.library.lru import ByteLru
 from brdf_service.library.materials import Library
-from brdf_service.schemas import MaterialLine, MaterialList
+from brdf_service.schemas.materials import MaterialLine, MaterialList
 from starlette.testclient import TestClient
 
 import brdfcore as bc

@@ -129,7 +129,7 @@ def test_sigterm_ends_events_and_jobs_within_the_time_to_drain(data: Path) -> No
 
 def test_albedo(shared_client: TestClient, serve: Serve, original: Path) -> None:
     import numpy as np
-    from brdf_service.schemas import AlbedoAnswer
+    from brdf_service.schemas.analysis import AlbedoAnswer
 
     from tests.app.conftest import assert_problem, local
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from brdf_service.schemas import SliceAnswer
+from brdf_service.schemas.analysis import SliceAnswer
 from starlette.testclient import TestClient
 
 import brdfcore as bc

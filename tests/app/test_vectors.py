@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from brdf_service.evaluate import json_codec
-from brdf_service.schemas import EvaluateAnswer
+from brdf_service.evaluate import json_body
+from brdf_service.schemas.evaluate import EvaluateAnswer
 from hypothesis import given
 from hypothesis import strategies as st
 from starlette.testclient import TestClient
@@ -209,15 +209,15 @@ NUMBERS = st.one_of(
 @given(st.lists(NUMBERS, max_size=6), st.sampled_from(["", " ", "\n"]), st.sampled_from(["theta_o", "theta_i", "x"]))
 def test_two_readers_agree(texts: list[str], space: str, second: str) -> None:
     """What simdjson takes, orjson and the standard library take with the same bits."""
-    if json_codec.simdjson is None:
+    if json_body.simdjson is None:
         pytest.skip("pysimdjson is not installed")
     listed = f",{space}".join(texts)
     body = f'{space}{{"theta_i":{space}[{listed}],"{second}": [1, 2.5], "delta_phi":[]}}'.encode()
-    fast = json_codec._flat_lists(body)
+    fast = json_body._flat_lists(body)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(json_codec, "simdjson", None)
+        patch.setattr(json_body, "simdjson", None)
         try:
-            slow = json_codec.directions_from_json(body, None, None, "raise")
+            slow = json_body.directions_from_json(body, None, None, "raise")
         except Exception:
             assert fast is None
             return
@@ -227,7 +227,7 @@ def test_two_readers_agree(texts: list[str], space: str, second: str) -> None:
 
 def test_simdjson_is_used_where_it_can_be() -> None:
     pytest.importorskip("simdjson")
-    assert json_codec._flat_lists(b'{"delta_phi":[1],"theta_i":[0.1],"theta_o":[2]}') is not None
+    assert json_body._flat_lists(b'{"delta_phi":[1],"theta_i":[0.1],"theta_o":[2]}') is not None
     for other in (
         b'{"delta_phi":[1],"theta_i":[0.1],"theta_o":[2],"theta_o":[2]}',
         b'{"delta_phi":[1],"theta_i":[[0.1]],"theta_o":2}',
@@ -235,4 +235,4 @@ def test_simdjson_is_used_where_it_can_be() -> None:
         b"[[1],[2]]",
         b"{",
     ):
-        assert json_codec._flat_lists(other) is None
+        assert json_body._flat_lists(other) is None

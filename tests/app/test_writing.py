@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from brdf_service.schemas import JobAnswer, MaterialLine
+from brdf_service.schemas.materials import MaterialLine
+from brdf_service.schemas.work import JobAnswer
 from brdf_service.work.jobs import QUEUED
 from starlette.testclient import TestClient
 
@@ -112,8 +113,8 @@ def test_a_damaged_file_can_be_replaced(client: TestClient, data: Path) -> None:
 @pytest.mark.parametrize(
     ("body", "status", "code", "where"),
     [
-        ({}, 422, "bad_field", "model"),
-        ([], 422, "bad_field", "body"),
+        ({}, 422, "field_missing", "model"),
+        ([], 422, "bad_body", "body"),
         ({"model": 3}, 422, "bad_field", "model"),
         ({"model": "lambrt"}, 422, "unknown_model", "model"),
         ({"model": "lambert", "parameters": {"reflectanse": 1}}, 422, "unknown_parameter", "reflectanse"),
@@ -125,7 +126,7 @@ def test_a_damaged_file_can_be_replaced(client: TestClient, data: Path) -> None:
         ({"model": "cook_torrance", "parameters": {"ior": [[]]}}, 422, None, None),
         ({"model": "lambert", "parameters": {"name": "x"}}, 422, "unknown_parameter", "name"),
         ({"model": "lambert", "parameters": []}, 422, "bad_field", "parameters"),
-        ({"model": "lambert", "colour": 1}, 422, "bad_field", "colour"),
+        ({"model": "lambert", "colour": 1}, 422, "unknown_field", "colour"),
         ({"model": "lambert", "about": "x" * 1001}, 422, "bad_field", "about"),
         ({**WHITE, "tabulate": {"shape": [2**31, 2**31, 2**31]}}, 413, "table_too_large", "tabulate"),
         ({**WHITE, "tabulate": {"max_bytes": 10**12}}, 413, "table_too_large", "tabulate"),

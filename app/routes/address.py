@@ -1,0 +1,79 @@
+"""The two ways to name a material in a path."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from anyio.to_thread import run_sync
+from brdf_service.library.materials import Material
+from brdf_service.state import State
+from starlette.requests import Request
+
+
+class Found(NamedTuple):
+    """A material as one request named it."""
+
+    material: Material
+    by_id: bool
+
+    @property
+    def title(self) -> str:
+        """What a picture calls it: by id nothing that may change while the id stays."""
+        return self.material.id[:12] if self.by_id else self.material.name
+
+
+async def by_name(request: Request) -> Found:
+    """The material of /v1/materials/{name}; off the event loop if its file has to be read."""
+    state: State = request.scope["brdf.state"]
+    library, name = state.library, request.path_params["name"]
+    material = library.peek(name)
+    return Found(material if material is not None else await run_sync(library.get, name), False)
+
+
+async def by_id(request: Request) -> Found:
+    """The material of /v1/tables/{id}; off the event loop if files have to be read."""
+    state: State = request.scope["brdf.state"]
+    library, id = state.library, request.path_params["id"]
+    material = library.peek_id(id)
+    return Found(material if material is not None else await run_sync(library.get_id, id), True)
+
+
+@dataclass(frozen=True)
+class Address:
+    """One way to name a material: where its routes are, how they find it, and how the OpenAPI describes it."""
+
+    label: str
+    variable: str
+    find: Callable[[Request], Awaitable[Found]]
+    pattern: str
+    about: str
+
+    @property
+    def prefix(self) -> str:
+        """Path of the material, as FastAPI writes it."""
+        return f"/v1/{self.label}/{{{self.variable}}}"
+
+    @property
+    def parameter(self) -> dict[str, object]:
+        """The path parameter in the OpenAPI."""
+        schema = {"type": "string", "pattern": self.pattern}
+        return {"name": self.variable, "in": "path", "required": True, "description": self.about, "schema": schema}
+
+
+BY_NAME = Address(
+    "materials",
+    "name",
+    by_name,
+    "^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
+    "name of the material: its file's name without .h5 or .json",
+)
+BY_ID = Address(
+    "tables",
+    "id",
+    by_id,
+    "^[0-9a-f]{64}$",
+    "id of the material: a digest of everything its values depend on, so that answers never change",
+)
+ADDRESSES = (BY_NAME, BY_ID)

@@ -1,0 +1,116 @@
+"""What the library says of a material as numbers: one declaration each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from brdf_service.evaluate.directions import check_incidences, check_values, polar_angles
+from brdf_service.http.query import ANGLES, Numbers, Query, Unit, numbers
+from brdf_service.library.materials import Material
+from brdf_service.routes.address import Found
+from brdf_service.routes.resource import Resource
+from brdf_service.schemas.analysis import AlbedoAnswer, ChecksAnswer, GlossAnswer
+from brdf_service.state import State
+
+import brdfcore as bc
+
+
+class AlbedoQuery(Query):
+    """Angles of incidence."""
+
+    theta_i: Numbers = numbers("polar angle(s) of the light, from the normal", example="0,30,60")
+    angles: Unit = ANGLES
+
+
+class ChecksQuery(Query):
+    """Unit of the worst directions."""
+
+    angles: Unit = ANGLES
+
+
+def _albedo(material: Material, asked: AlbedoQuery) -> dict[str, Any]:
+    brdf, theta_i = material.brdf, polar_angles(asked.theta_i, asked.angles).radians()[0]
+    values, delta = brdf.albedo(theta_i), brdf.delta_reflectance(theta_i)
+    return {
+        "theta_i": np.atleast_1d(asked.theta_i),
+        "angles": asked.angles,
+        "values": values.reshape(-1, values.shape[-1]),
+        "delta_reflectance": delta.reshape(-1, delta.shape[-1]),
+        "channels": brdf.channels.to_json(),
+        "id": material.id,
+        "has_delta": bool(brdf.has_delta),
+    }
+
+
+def _check_albedo(state: State, asked: AlbedoQuery, found: Found) -> None:
+    check_values(asked.theta_i.size * len(found.material.brdf.channels), state.settings)
+
+
+def _checks(material: Material, asked: ChecksQuery) -> dict[str, Any]:
+    # found once for both units: it takes the library a second
+    report = material.parts.get("checks")
+    if report is None:
+        report = material.parts["checks"] = bc.check(material.brdf)
+    return {**report.to_json(asked.angles), "id": material.id}
+
+
+def _gloss(material: Material, _: Query) -> dict[str, Any]:
+    return {**bc.gloss(material.brdf).to_json(), "id": material.id}
+
+
+def _report(material: Material, _: Query) -> dict[str, Any]:
+    return {"name": material.name, "id": material.id, "report": material.brdf.report}
+
+
+ANALYSES = (
+    Resource(
+        "checks",
+        "energy, reciprocity, sign, symmetry, normal and horizon",
+        ChecksQuery,
+        ChecksAnswer,
+        "Each finding in albedo units (misplaced reflectance), with its error, a verdict, what the material declares "
+        "of itself, and the worst directions. Takes a second or more the first time.",
+        "the findings",
+        compute=_checks,
+        example="",
+        title="energy, reciprocity, sign",
+    ),
+    Resource(
+        "gloss",
+        "gloss at 20, 60 and 85 degrees, and haze",
+        content=GlossAnswer,
+        description="Gloss units over the apertures of ISO 2813 / ASTM D523, haze after ASTM D4039 and E430, by "
+        "channel and as a luminance, with the integration's error. Takes seconds the first time for a sharp material.",
+        says="the readings",
+        compute=_gloss,
+        kept=True,
+        example="",
+        title="gloss",
+    ),
+    Resource(
+        "albedo",
+        "directional-hemispherical reflectance",
+        AlbedoQuery,
+        AlbedoAnswer,
+        "The integral of f_r cos(theta_o) over all directions of the viewer, the mirror part included.",
+        "values[theta_i][channel]",
+        compute=_albedo,
+        check=lambda state, asked: check_incidences(asked.theta_i, state.settings),
+        check_found=_check_albedo,
+        example="theta_i=0,30,60,80,89",
+        title="albedo",
+    ),
+    Resource(
+        "report",
+        "what reading the source found and did",
+        content={"application/json": {"schema": {"type": "object"}}},
+        description="Counts of negative, zero and invalid values, conventions, policies, coverage, symmetries, albedo "
+        "before and after, noise. Empty for a model.",
+        says="the import report",
+        compute=_report,
+        lasting=False,
+        example="",
+        title="how it was read",
+    ),
+)

@@ -1,0 +1,133 @@
+"""One declaration for each thing that a material answers to a GET: it makes the routes by name and by id, their
+OpenAPI, the link in the metadata and the one on the page."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from anyio.to_thread import run_sync
+from brdf_service.evaluate.directions import polar_angles
+from brdf_service.http.caching import material_headers, not_modified
+from brdf_service.http.json import to_json
+from brdf_service.http.openapi import Content, operation
+from brdf_service.http.query import NoQuery, Query, parse_query
+from brdf_service.http.security import NO_REFERRER, SVG_POLICY
+from brdf_service.library.materials import Material
+from brdf_service.routes.address import ADDRESSES, Address, Found
+from brdf_service.state import State, state_of
+from fastapi import APIRouter
+from starlette.requests import Request
+from starlette.responses import Response
+
+import brdfcore as bc
+
+
+@dataclass(frozen=True)
+class Resource:
+    """What a material answers to a GET of its path + /name.
+
+    name          last part of the path; "" is the material itself.
+    query         its parameters.
+    content       schema of a JSON answer, or the media type of another.
+    compute       (material, query) -> content: JSON-ready, or bytes. In a thread, `seats` at once.
+    draw          (state, found, query, etag) -> bytes, instead of `compute`: what is more than one computation.
+    check         (state, query), and (state, query, found) once the material is found: refuses what is too large.
+    lasting       by id the answer never changes; False if it says anything of the file.
+    kept          the answer is kept with the material: `compute` takes seconds, and the query changes next to nothing.
+    example       query of the link in the metadata; None: no link.
+    title         words of the link on the material's page; "": none there.
+    """
+
+    name: str
+    summary: str
+    query: type[Query] = NoQuery
+    content: Content = "application/octet-stream"
+    description: str = ""
+    says: str = "the answer"
+    compute: Callable[[Material, Any], Any] | None = None
+    draw: Callable[[State, Found, Any, str], Awaitable[bytes]] | None = None
+    check: Callable[[State, Any], None] | None = None
+    check_found: Callable[[State, Any, Found], None] | None = None
+    refusals: tuple[int, ...] = (404, 409, 413, 503)
+    lasting: bool = True
+    kept: bool = False
+    seats: str = "large"
+    example: str | None = None
+    title: str = ""
+
+    @property
+    def media_type(self) -> str:
+        """Of the answer."""
+        return self.content if isinstance(self.content, str) else "application/json"
+
+    async def answer(self, request: Request, address: Address) -> Response:
+        """The answer to a GET."""
+        state, asked = state_of(request), parse_query(request.scope["query_string"], self.query)
+        if self.check is not None:
+            self.check(state, asked)
+        found = await address.find(request)
+        if self.check_found is not None:
+            self.check_found(state, asked, found)
+        material = found.material
+        headers = material_headers(request, material.id, material.tag, found.by_id, lasting=self.lasting)
+        if self.media_type == "image/svg+xml":
+            headers |= {"content-security-policy": SVG_POLICY, **NO_REFERRER}
+        unchanged = not_modified(request, headers)
+        if unchanged is not None:
+            return unchanged
+        try:
+            body = await self._body(state, found, asked, headers["etag"])
+        except bc.InputError as error:
+            raise explained(error, asked) from error
+        return Response(body, 200, headers, media_type=self.media_type)
+
+    async def _body(self, state: State, found: Found, asked: Any, etag: str) -> bytes:
+        if self.draw is not None:
+            return await self.draw(state, found, asked, etag)
+        held: bytes | None = found.material.parts.get((self.name, asked)) if self.kept else None
+        if held is None:
+            held = await run_sync(self._computed, found.material, asked, limiter=getattr(state, self.seats))
+            if self.kept:
+                found.material.parts[self.name, asked] = held
+        return held
+
+    def _computed(self, material: Material, asked: Any) -> bytes:
+        assert self.compute is not None
+        made = self.compute(material, asked)
+        return made if isinstance(made, bytes) else to_json(made)
+
+
+def explained(error: bc.InputError, asked: Any) -> bc.InputError:
+    """The library's complaint about an angle of incidence in the unit of the request."""
+    theta_i = getattr(asked, "theta_i", None)
+    return error if theta_i is None else polar_angles(theta_i, asked.angles).explained(error)
+
+
+def add_resources(router: APIRouter, resources: Iterable[Resource]) -> None:
+    """The routes of `resources` by name and by id."""
+    for address in ADDRESSES:
+        for resource in resources:
+            _add(router, resource, address)
+
+
+def _add(router: APIRouter, resource: Resource, address: Address) -> None:
+    id = f"{(resource.name or 'metadata').replace('.', '_')}_{address.label}"
+    declared = operation(
+        id,
+        resource.summary,
+        resource.description,
+        answer=(resource.content,),
+        says=resource.says,
+        refusals=resource.refusals,
+        cached=True,
+        path=[address.parameter],
+        query=resource.query,
+    )
+
+    async def get(request: Request) -> Response:
+        return await resource.answer(request, address)
+
+    path = f"{address.prefix}/{resource.name}" if resource.name else address.prefix
+    router.add_api_route(path, get, methods=["GET"], tags=[address.label], response_class=Response, **declared)
