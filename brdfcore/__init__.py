@@ -12,7 +12,7 @@ from brdfcore.version import __version__
 
 _PUBLIC = {
     "Brdf": "brdfcore.base.brdf",
-    "Channels": "brdfcore.base.brdf",
+    "Channels": "brdfcore.base.channels",
     "BrdfError": "brdfcore.base.errors",
     "FileFormatError": "brdfcore.base.errors",
     "InputError": "brdfcore.base.errors",
@@ -61,11 +61,11 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.analysis.pareto.pareto import pareto as pareto
     from brdfcore.analysis.plan.plan import plan as plan
     from brdfcore.base.brdf import Brdf as Brdf
-    from brdfcore.base.brdf import Channels as Channels
     from brdfcore.base.catalogue import formats as formats
     from brdfcore.base.catalogue import model as model
     from brdfcore.base.catalogue import models as models
     from brdfcore.base.catalogue import representations as representations
+    from brdfcore.base.channels import Channels as Channels
     from brdfcore.base.colour import to_rgb as to_rgb
     from brdfcore.base.conventions import to_radians as to_radians
     from brdfcore.base.errors import BrdfError as BrdfError

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from brdfcore.base import catalogue
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.directions import mixture
 from brdfcore.base.errors import BrdfError, FileFormatError, InputError

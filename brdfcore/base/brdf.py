@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base import conventions
+from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.conventions import FloatArray, Outside
-from brdfcore.base.errors import InputError, UnknownNameError
+from brdfcore.base.errors import InputError
 from brdfcore.base.geometry import angles_from_vectors
+from brdfcore.base.parameters import shown
 from brdfcore.base.quadrature import integrate_hemisphere
 from brdfcore.base.status import Status
-
-ChannelKind = Literal["name", "wavelength"]
 
 #: Estimated error of an albedo, relative to max(1, albedo), at which `Brdf.albedo` is content, and the evaluations an
 #: angle that it may spend on getting there.
@@ -30,84 +29,8 @@ DATA_ALBEDO_TOLERANCE = 1e-3
 ALBEDOS_KEPT = 1024
 
 
-#: Largest wavelength a channel may have, nm: a kilometre.
-LONGEST_WAVE = 1e12
-
-
-class Channels(tuple[Any, ...]):
-    """Immutable tuple of channel names ("R", "G", "B"; "value") or wavelengths in nm, with its kind."""
-
-    kind: ChannelKind
-
-    def __new__(cls, items: Iterable[str | float], kind: ChannelKind | None = None) -> Channels:
-        listed = list(items)
-        found: ChannelKind = "name" if all(isinstance(x, str) for x in listed) else "wavelength"
-        kind = kind or found
-        if not listed or kind not in ("name", "wavelength") or (kind == "name") != (found == "name"):
-            raise InputError(
-                "bad_channels",
-                f"channels: expected names, or wavelengths in nm, at least one; got {listed!r} as {kind}",
-                where="channels",
-            )
-        if kind == "wavelength":
-            numbers = [x for x in listed if isinstance(x, (int, float, np.number)) and not isinstance(x, bool)]
-            # compared before it is converted: a whole number may be too large for any float
-            if len(numbers) < len(listed) or not all(0 < x <= LONGEST_WAVE for x in numbers):
-                raise InputError("bad_channels", "channels: a wavelength is a positive number of nm", where="channels")
-            listed = [float(x) for x in numbers]
-        if len(set(listed)) != len(listed):
-            raise InputError("bad_channels", f"channels: each only once; got {listed!r}", where="channels")
-        self = super().__new__(cls, listed)
-        self.kind = kind
-        return self
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return (Channels, (tuple(self), self.kind))
-
-    def find(self, name: str | float) -> int:
-        """Index of a channel by name, wavelength (also as text) or position "0", "1", ..."""
-        text = str(name)
-        for i, channel in enumerate(self):
-            if channel == name or text in (str(channel), f"{channel:g}" if self.kind == "wavelength" else channel):
-                return i
-        # isdigit alone is true of "²", which is no number to int
-        if text.isascii() and text.isdigit() and len(text) < 10 and int(text) < len(self):
-            return int(text)
-        listed = ", ".join(str(c) for c in self)
-        raise UnknownNameError(
-            "unknown_channel",
-            f"no channel {text[:40]!r}; this material has: {listed}",
-            where="channel",
-            got=text[:40],
-            expected=listed,
-        )
-
-    def labels(self) -> list[str]:
-        """What a legend prints: "R", or "550 nm"."""
-        return [f"{c:g} nm" if self.kind == "wavelength" else str(c) for c in self]
-
-    def to_json(self) -> list[Any]:
-        return list(self)
-
-    @staticmethod
-    def common(a: Channels, b: Channels) -> Channels:
-        """Channels of a combination: one channel broadcasts against many, otherwise they must be equal."""
-        if a == b and a.kind == b.kind:
-            return a
-        if len(a) == 1 or len(b) == 1:
-            return b if len(a) == 1 else a
-        raise InputError(
-            "channels_differ",
-            f"channels differ: {list(a)} and {list(b)}; "
-            "combine materials with equal channels, or one of them with a single channel",
-            where="channels",
-            got=list(b),
-            expected=list(a),
-        )
-
-
-VALUE = Channels(("value",))
-RGB = Channels(("R", "G", "B"))
+#: What is claimed of a BRDF, as attributes of it.
+FLAGS = ("bilateral", "reciprocal", "energy_conserving", "non_negative")
 
 
 class Brdf(ABC):
@@ -352,8 +275,6 @@ class Brdf(ABC):
     __array_ufunc__ = None
 
     def __add__(self, other: object) -> Brdf:
-        from brdfcore.base.combined import Sum
-
         return Sum(self, other) if isinstance(other, Brdf) else NotImplemented
 
     def __radd__(self, other: object) -> Brdf:
@@ -361,8 +282,93 @@ class Brdf(ABC):
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
     def __mul__(self, factor: Any) -> Brdf:
-        from brdfcore.base.combined import Scaled
-
         return NotImplemented if isinstance(factor, Brdf) else Scaled(self, factor)
 
     __rmul__ = __mul__
+
+
+class Sum(Brdf):
+    """a + b. Reciprocal, bilateral and non-negative if both are; energy conservation is not claimed."""
+
+    def __init__(self, a: Brdf, b: Brdf) -> None:
+        super().__init__()
+        self.parts = (a, b)
+        self.channels = Channels.common(a.channels, b.channels)
+        self.bilateral = a.bilateral and b.bilateral
+        self.reciprocal = a.reciprocal and b.reciprocal
+        self.non_negative = a.non_negative and b.non_negative
+        self.energy_conserving = False  # each may reflect all light
+        self.has_delta = a.has_delta or b.has_delta
+        self._analytic = a._analytic and b._analytic
+        self.metadata = {"sum": [a.describe()["metadata"], b.describe()["metadata"]]}
+
+    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        a, b = (p.evaluate(theta_i, theta_o, delta_phi) for p in self.parts)
+        np.add(a, b, out=out)
+        return True
+
+    def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
+        parts = []
+        for p in self.parts:
+            values = np.empty((wi.shape[0], len(p.channels)), out.dtype)
+            p._evaluate_vectors(wi, wo, values)
+            parts.append(values)
+        np.add(parts[0], parts[1], out=out)
+
+    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
+        a, b = (p._status(theta_i, theta_o, delta_phi) for p in self.parts)
+        return np.maximum(a, b)  # the codes ascend from measured to outside: the weaker of the two
+
+    def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        a, b = (p._delta_reflectance(theta_i) for p in self.parts)
+        return a + b
+
+
+class Scaled(Brdf):
+    """factor * brdf, the factor a number >= 0 or one per channel; the delta part is scaled with it."""
+
+    def __init__(self, part: Brdf, factor: Any) -> None:
+        super().__init__()
+        try:
+            scale = np.atleast_1d(np.asarray(factor, dtype=np.float64))
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InputError("bad_factor", f"factor: expected numbers, got {shown(factor)}", where="factor") from error
+        usable = scale.ndim == 1 and scale.size in (1, len(part.channels))
+        if not usable or not (np.isfinite(scale) & (scale >= 0)).all():
+            raise InputError(
+                "bad_factor",
+                f"factor: expected a number >= 0, or {len(part.channels)} of them (one per channel); "
+                f"got {shown(factor)}",
+                where="factor",
+                expected=f"1 or {len(part.channels)} finite numbers >= 0",
+            )
+        self.part = part
+        self.factor = scale
+        self.channels = part.channels
+        self.bilateral, self.reciprocal, self.non_negative = part.bilateral, part.reciprocal, part.non_negative
+        self.energy_conserving = part.energy_conserving and bool((scale <= 1).all())
+        self.has_delta = part.has_delta
+        self._analytic = part._analytic
+        self.metadata = {"scaled": part.describe()["metadata"], "factor": scale.tolist()}
+        self.report = part.report
+
+    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        self.part.evaluate(theta_i, theta_o, delta_phi, out=out)
+        np.multiply(out, self.factor.astype(out.dtype), out=out)
+        return True
+
+    def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
+        self.part._evaluate_vectors(wi, wo, out)
+        np.multiply(out, self.factor.astype(out.dtype), out=out)
+
+    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
+        return self.part._status(theta_i, theta_o, delta_phi)
+
+    def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return self.part._delta_reflectance(theta_i) * self.factor
+
+    def _albedo(
+        self, theta_i: npt.ArrayLike, points: int, azimuths: int, tolerance: float | None, budget: int
+    ) -> tuple[FloatArray, FloatArray]:
+        albedo, error = self.part._albedo(theta_i, points, azimuths, tolerance, budget)
+        return albedo * self.factor, error * self.factor

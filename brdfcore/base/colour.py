@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import RGB, Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import RGB, Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import InputError, UnknownNameError, missing_extra
 

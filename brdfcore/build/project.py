@@ -12,10 +12,11 @@ from brdfcore.base.directions import mixture
 from brdfcore.base.errors import InputError, LimitError
 from brdfcore.base.registry import REPRESENTATIONS
 from brdfcore.build.tabulate import positive
-from brdfcore.harmonics.expansion import MAX_LMAX, HarmonicExpansion
+from brdfcore.harmonics.expansion import HarmonicExpansion, build_expansion, expanded
 from brdfcore.harmonics.legendre import checked_degree
-from brdfcore.harmonics.projection import build_expansion, expanded, projected
+from brdfcore.harmonics.projection import projected
 from brdfcore.harmonics.rules import lobe_widths
+from brdfcore.harmonics.series import MAX_LMAX
 from brdfcore.harmonics.spectrum import error_by_degree
 from brdfcore.harmonics.targets import Target, count, target_named
 from brdfcore.harmonics.windows import window_named
@@ -69,7 +70,7 @@ def project(
     HarmonicExpansion
         A `Brdf` and a table: report["harmonics"] holds truncation (Parseval) and quadrature errors in the norm of the
         target and of f, the error by degree, the window's numbers and the smallest value
-        (`harmonics.projection.build_expansion`); `error` is `compare` with the source.
+        (`harmonics.expansion.build_expansion`); `error` is `compare` with the source.
 
     Raises
     ------

@@ -35,7 +35,8 @@ def report(
     seconds: Annotated[float, typer.Option(help="About how long a material may take.")] = 240.0,
     json: Json = False,
 ) -> None:
-    from brdfcore.reporting.report import Subject, kind_of
+    from brdfcore.reporting.item import Subject
+    from brdfcore.reporting.report import kind_of
     from brdfcore.reporting.report import report as make
 
     kind_of(out)  # refused before the work

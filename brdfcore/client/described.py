@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base import conventions
-from brdfcore.base.brdf import Channels
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.client.connection import Connection
 

@@ -11,11 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base.atomic import replacing
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.format import Format
-from brdfcore.formats.base.measurements import POLICIES, Measurements, not_scattered, to_brdf
+from brdfcore.formats.base.measurements import Measurements
+from brdfcore.formats.base.regrid import POLICIES, not_scattered, to_brdf
 from brdfcore.formats.base.text_rows import MAX_NUMBERS, TextFile, printable
 from brdfcore.tables.scattered.table import Scattered
 

@@ -18,13 +18,14 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from brdfcore.base.atomic import replacing
-from brdfcore.base.brdf import RGB, Brdf
+from brdfcore.base.brdf import FLAGS, Brdf
+from brdfcore.base.channels import RGB
 from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError
 from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.format import Format, LossWarning
 from brdfcore.metrics import measured_flags, reciprocity_defect
 from brdfcore.tables.base.sampled import INTERPOLATION
-from brdfcore.tables.base.table import FLAGS, BuildOptions
+from brdfcore.tables.base.table import BuildOptions
 from brdfcore.tables.half_angle_grid import CELLS, MERL_SHAPE, HalfAngleGrid, continued
 
 #: f_r of a number 1 in each plane.

@@ -13,21 +13,35 @@ exact.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.base.channels import Channels
 from brdfcore.harmonics.legendre import Parity, legendre
-
-if TYPE_CHECKING:
-    from brdfcore.harmonics.expansion import HarmonicExpansion
+from brdfcore.harmonics.targets import Block
 
 Float64Array = npt.NDArray[np.float64]
 
 
+class Coefficients(Protocol):
+    """What is read of an expansion."""
+
+    lmax: int
+    channels: Channels
+
+    @property
+    def blocks(self) -> list[Block]: ...
+
+    @property
+    def target_parities(self) -> tuple[Parity, Parity]: ...
+
+    def coefficients(self, m: int, *, sines: bool = False) -> Float64Array: ...
+
+
 def grid_values(
-    made: HarmonicExpansion, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array
+    made: Coefficients, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array
 ) -> Float64Array:
     """f_r in 1/sr at every combination of n, k, p angles, radians; float64 (n, k, p, channels)."""
     parity_i, parity_o = made.target_parities
@@ -41,7 +55,7 @@ def grid_values(
     return np.moveaxis(found, 0, -1)
 
 
-def albedo(made: HarmonicExpansion, theta_i: Float64Array) -> Float64Array:
+def albedo(made: Coefficients, theta_i: Float64Array) -> Float64Array:
     """int f c_o dwo without the delta part, exact but for rounding; float64 (n, channels) at n angles, radians."""
     parity_i, parity_o = made.target_parities
     nodes, weights = np.polynomial.legendre.leggauss(made.lmax // 2 + 2)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Channels
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import as_float, flatten_vectors
 from brdfcore.base.errors import InputError
 from brdfcore.harmonics.environment import LARGEST, checked_map, map_coefficients, map_energy

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import shown
 from brdfcore.base.quadrature import gauss_legendre
-from brdfcore.harmonics.expansion import MAX_LMAX
 from brdfcore.harmonics.legendre import checked_degree, degrees, legendre, order_offset
 from brdfcore.harmonics.rules import Rule, rule_for
+from brdfcore.harmonics.series import MAX_LMAX
 from brdfcore.harmonics.targets import TARGETS, Target
 from brdfcore.harmonics.windows import factors, window_named
 

@@ -31,7 +31,7 @@ def spectrum(expansion: HarmonicExpansion) -> tuple[Float64Array, Float64Array]:
 
 
 def harmonic_summary(expansion: HarmonicExpansion) -> dict[str, Any]:
-    """As plain numbers for JSON, errors relative L2 over pairs of directions (`harmonics.projection.build_expansion`):
+    """As plain numbers for JSON, errors relative L2 over pairs of directions (`harmonics.expansion.build_expansion`):
 
         lmax, target, window, coefficients, bytes, larger_than_merl, bilateral, reciprocal
         truncation, projection, quadrature, factors   {"target", "f"}: of f c c and of f

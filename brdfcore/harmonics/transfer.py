@@ -27,11 +27,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import Vectors, flatten_vectors
 from brdfcore.base.errors import InputError
 from brdfcore.base.quadrature import gauss_legendre
-from brdfcore.harmonics.expansion import HarmonicExpansion
+from brdfcore.harmonics.expansion import HarmonicExpansion, expanded
 from brdfcore.harmonics.legendre import checked_degree, degrees, legendre
 from brdfcore.harmonics.light import Light
 from brdfcore.harmonics.moments import one_blas_thread
@@ -306,8 +307,6 @@ def relight(
         Radiance, float64 (..., channels); 0 where the view is below the surface. How far it may be off near the
         horizon of the view: `Transfer.radiance`.
     """
-    from brdfcore.harmonics.projection import expanded
-
     if not isinstance(light, Light):
         raise InputError("bad_light", "light: expected a brdfcore.Light, for example Light.from_map(pixels)")
     given = flatten_pairs(normals, views)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import ALBEDO_TOLERANCE, DATA_ALBEDO_TOLERANCE, Brdf, Channels
+from brdfcore.base.brdf import ALBEDO_TOLERANCE, DATA_ALBEDO_TOLERANCE, Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.directions import mixture
 from brdfcore.base.errors import InputError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Channels
+from brdfcore.base.channels import Channels
 
 Array = npt.NDArray[np.float64]
 

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base import conventions
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.errors import InputError
 
 Array = npt.NDArray[np.float64]

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from brdfcore.analysis.pareto.entries import Entry
 from brdfcore.analysis.pareto.pareto import Pareto
 from brdfcore.reporting import words
-
-if TYPE_CHECKING:
-    from brdfcore.reporting.report import Report
+from brdfcore.reporting.item import Item
 
 HEAD = ("representation", "error (L1)", "bytes", "ns a look-up", "1 at a time", "build", "")
 
 
-def markdown(report: Report) -> str:
+def markdown(items: Sequence[Item], command: str) -> str:
     """The whole report."""
-    parts = ["\n".join(summary(report))] if len(report.items) > 1 else []
-    for item in report.items:
+    parts = ["\n".join(summary(items))] if len(items) > 1 else []
+    for item in items:
         found = item.found
         lines = [f"### {_cell(found.material)}", "", f"**{_cell(words.advice(found))}**", ""]
         lines += [f"- {_cell(text)}" for text in words.alternatives(found)]
@@ -30,15 +28,15 @@ def markdown(report: Report) -> str:
         lines += ["", *table(found), ""]
         lines += [f"- left out: {_cell(text)}" for text in found.left_out]
         parts.append("\n".join(lines).rstrip())
-    parts.append(measured_on(report))
+    parts.append(measured_on(items, command))
     return "\n\n".join(parts) + "\n"
 
 
-def summary(report: Report) -> list[str]:
+def summary(items: Sequence[Item]) -> list[str]:
     """Lines of one table for all materials: what to use, and beside it the best table and the usual practice."""
     head = ("material", "use", "error (L1)", "bytes", "ns a look-up", "best table", "usual practice")
     lines = ["| " + " | ".join(head) + " |", "|---|---|---:|---:|---:|---|---|"]
-    for item in report.items:
+    for item in items:
         found, chosen = item.found, item.found.chosen
         usual = next((e for e in found.entries if e.usual), None)
         best = found.table if found.table is not chosen else None
@@ -55,13 +53,13 @@ def summary(report: Report) -> list[str]:
     return lines
 
 
-def measured_on(report: Report) -> str:
+def measured_on(items: Sequence[Item], command: str) -> str:
     """What the numbers mean and where they come from, in a sentence."""
-    first = report.items[0].found
+    first = items[0].found
     stated = ", ".join(f"{k} {v}" for k, v in first.versions.items())
     return (
         "ns: a million float32 look-ups in one call, processor time of one thread, the fastest of the rounds; "
-        f"{first.machine}; {stated}." + (f" Made by `{report.command}`." if report.command else "")
+        f"{first.machine}; {stated}." + (f" Made by `{command}`." if command else "")
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import shlex
+from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -16,11 +17,10 @@ from brdfcore.analysis.pareto.pareto import Pareto
 from brdfcore.models.base.model import Model
 from brdfcore.plot.rendering import render
 from brdfcore.reporting import figures, words
+from brdfcore.reporting.item import Item
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from brdfcore.reporting.report import Item, Report
 
 _SHAPES = ("circle", "square", "triangle", "diamond", "down")
 #: Albedo bias is quoted up to this theta_i, degrees; the table of all angles is in the JSON.
@@ -28,36 +28,36 @@ _BIAS_TO = 85.0
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 
 
-def page(report: Report) -> str:
+def page(items: Sequence[Item], command: str) -> str:
     """The whole page."""
-    sections = "\n".join(_section(k, item) for k, item in enumerate(report.items))
+    sections = "\n".join(_section(k, item) for k, item in enumerate(items))
     style, script = (files("brdfcore.reporting").joinpath(f"page.{end}").read_text("utf-8") for end in ("css", "js"))
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <meta http-equiv="Content-Security-Policy" content="{_POLICY}">
-<title>{escape(_heading(report))}</title><style>
+<title>{escape(_heading(items))}</title><style>
 {style}</style></head><body>
-<h1>{escape(_heading(report))}</h1>
-{_contents(report)}
+<h1>{escape(_heading(items))}</h1>
+{_contents(items)}
 {sections}
-{_method(report)}
+{_method(items, command)}
 <script>
 {script}</script></body></html>
 """
 
 
-def _heading(report: Report) -> str:
-    count = len(report.items)
+def _heading(items: Sequence[Item]) -> str:
+    count = len(items)
     return "Which representation to use" + (f" for {count} materials" if count > 1 else "")
 
 
-def _contents(report: Report) -> str:
+def _contents(items: Sequence[Item]) -> str:
     """One line a material: the answer first."""
-    if len(report.items) == 1:
+    if len(items) == 1:
         return ""
     rows = "".join(
         f'<tr><td><a href="#m{k}">{escape(i.found.material)}</a></td><td>{escape(words.advice(i.found))}</td></tr>'
-        for k, i in enumerate(report.items)
+        for k, i in enumerate(items)
     )
     return f'<table class="contents"><tbody>{rows}</tbody></table>'
 
@@ -238,10 +238,10 @@ def _left_out(found: Pareto) -> str:
     return f"<details><summary>Left out ({len(found.left_out)})</summary><ul>{listed}</ul></details>" if listed else ""
 
 
-def _method(report: Report) -> str:
-    first = report.items[0].found
-    sources = [i.subject.source or i.subject.label for i in report.items]
-    command = report.command or shlex.join(["brdf", "report", *sources, "-o", "report.html"])
+def _method(items: Sequence[Item], command: str) -> str:
+    first = items[0].found
+    sources = [i.subject.source or i.subject.label for i in items]
+    command = command or shlex.join(["brdf", "report", *sources, "-o", "report.html"])
     stated = ", ".join(f"{escape(k)} {escape(v)}" for k, v in first.versions.items())
     directions, seed = first.chosen.comparison.directions, first.chosen.comparison.seed
     return f"""<h2>How this was measured</h2>

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,9 +14,9 @@ from brdfcore.base.atomic import replacing
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError, StorageError
 from brdfcore.metrics import compare
-from brdfcore.reporting import words
-from brdfcore.reporting.appearance import Appearance, appearance
-from brdfcore.reporting.error_map import ErrorMap, error_map
+from brdfcore.reporting.appearance import appearance
+from brdfcore.reporting.error_map import error_map
+from brdfcore.reporting.item import Item, Subject
 from brdfcore.tables.base.table import Progress, Table
 from brdfcore.tables.store import open_table
 
@@ -25,47 +24,6 @@ Kind = Literal["html", "json", "md", "png"]
 KINDS: tuple[Kind, ...] = ("html", "json", "md", "png")
 #: Seed of the directions on which a chosen table is measured again after it was written and read.
 FRESH_SEED = 7
-
-
-@dataclass(frozen=True)
-class Subject:
-    """One material of a report: what it is called, how a shell names it, and the file it comes from, if any."""
-
-    label: str
-    brdf: Brdf
-    source: str = ""
-    path: Path | None = None
-
-
-@dataclass
-class Item:
-    """What is known of one material.
-
-    shown       what pictures compare with the reference: what was chosen; the best table where that is the formula.
-    table_path  where the table was written; None: not asked for, or none is right enough.
-    verified    L1 of that table, read again, on other directions: {l1, l1_stderr, delta, directions, seed}.
-    """
-
-    subject: Subject
-    found: Pareto
-    shown: Brdf
-    shown_name: str
-    look: Appearance
-    where: ErrorMap
-    table_path: Path | None = None
-    verified: dict[str, Any] | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        head = self.found.to_json()
-        return {
-            **head,
-            "source": self.subject.source,
-            "table_path": None if self.table_path is None else str(self.table_path),
-            "verified": self.verified,
-            "advice": words.advice(self.found),
-            "alternatives": words.alternatives(self.found),
-            "flip": {**self.look.to_json(), "of": self.shown_name},
-        }
 
 
 class Report:
@@ -92,7 +50,7 @@ class Report:
         if kind == "md":
             from brdfcore.reporting.markdown import markdown
 
-            return markdown(self).encode()
+            return markdown(self.items, self.command).encode()
         if kind == "png":
             from brdfcore.plot.rendering import render
             from brdfcore.reporting.figures import sheet
@@ -100,7 +58,7 @@ class Report:
             return render(sheet([(i.found, i.look, i.where, i.shown, i.shown_name) for i in self.items]), "png")
         from brdfcore.reporting.page import page
 
-        return page(self).encode()
+        return page(self.items, self.command).encode()
 
     def write(self, path: Path) -> None:
         """Whole or not at all; `InputError` for an extension that is none of `KINDS`."""

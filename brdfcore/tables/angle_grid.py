@@ -15,7 +15,8 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import Parameter

@@ -1,12 +1,6 @@
-"""One HDF5 file a table: written whole or not at all, trusted only as far as it was checked.
+"""Tables from their HDF5 files, trusted only as far as they were checked; layout and writing: `tables.base.file`.
 
-Layout, schema version 1 (little-endian, chunked, fletcher32 checksums):
-
-    /header          uint8, JSON text: schema_version, representation, evaluation_version, channels, channel_kind,
-                     flags, attributes, id; beside them source, report, error, metadata, code_version
-    /arrays/NAME     each array a look-up touches
-
-The store knows `to_arrays` and `from_arrays` only; a representation never sees HDF5.
+The store knows `from_arrays` only; a representation never sees HDF5.
 """
 
 from __future__ import annotations
@@ -21,89 +15,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.atomic import replacing
-from brdfcore.base.brdf import Channels
-from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError, missing_extra
+from brdfcore.base.brdf import FLAGS
+from brdfcore.base.channels import Channels
+from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError
 from brdfcore.base.registry import REPRESENTATIONS
-from brdfcore.tables.base.table import FLAGS, Table
-from brdfcore.version import __version__
+from brdfcore.tables.base.file import SCHEMA_VERSION, h5py, refused
+from brdfcore.tables.base.table import Table
 
-try:
-    import h5py
-except ImportError as error:
-    raise missing_extra("h5py", "core", "storing a table") from error
-
-SCHEMA_VERSION = 1
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 #: Largest table read, bytes in memory; a file that declares more is refused before anything is read.
 MAX_BYTES = 4_000_000_000
-#: Largest JSON header, and how deep its objects may lie in each other.
+#: Largest JSON header, bytes.
 MAX_HEADER = 16_000_000
-MAX_DEPTH = 16
-#: Values a chunk: small enough that a damaged chunk is found by its own checksum.
-_CHUNK = 65_536
 _DTYPES = frozenset(np.dtype(t) for t in ("<f2", "<f4", "<f8", "<i4", "<i8", "<u2", "<u4", "|u1"))
-
-
-def save(table: Table, path: str | PathLike[str]) -> None:
-    """Write `table` to `path`: to a temporary file in the same folder, flushed to disk, then renamed.
-
-    A process killed at any moment leaves the old file or the new one, and perhaps a hidden temporary file that
-    the next save to the same name removes. The bytes depend on the table only.
-
-    Raises `StorageError`, and `InputError` for a source, report, error or metadata that JSON can't hold or that
-    `open_table` would refuse.
-    """
-    path = Path(path)
-    header = {
-        "schema_version": SCHEMA_VERSION,
-        "representation": table.name,
-        "evaluation_version": table.EVALUATION_VERSION,
-        "channels": table.channels.to_json(),
-        "channel_kind": table.channels.kind,
-        "flags": table.flags,
-        "attributes": table.attributes(),
-        "id": table.computed_id(),
-        "source": table.source,
-        "report": table.report,
-        "error": table.error,
-        "metadata": table.metadata,
-        "code_version": __version__,
-    }
-    text = np.frombuffer(_header_text(header), np.uint8)
-    with replacing(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:
-        _write(file, "header", text)
-        group = file.create_group("arrays")
-        for name, array in table.to_arrays().items():
-            _write(group, name, array)
-
-
-def _header_text(header: dict[str, Any]) -> bytes:
-    for key in ("source", "report", "error", "metadata"):
-        try:
-            json.dumps(header[key], allow_nan=False)
-            problem = _stated(key, header[key])
-        except (TypeError, ValueError, RecursionError) as error:
-            problem = (key, str(error)[:200], "what JSON can hold: texts, finite numbers, lists, objects")
-        if problem:
-            where, got, expected = problem
-            raise InputError(
-                "bad_header",
-                f"table.{where}: {got}; expected {expected}. The table was not saved.",
-                where=where,
-                got=got,
-                expected=expected,
-            )
-    return json.dumps(header, sort_keys=True, allow_nan=False).encode()
-
-
-def _write(group: Any, name: str, array: npt.NDArray[Any]) -> None:
-    little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
-    chunks = list(little.shape)
-    while np.prod(chunks) > _CHUNK:  # halve the longest axis
-        longest = int(np.argmax(chunks))
-        chunks[longest] = -(-chunks[longest] // 2)
-    group.create_dataset(name, data=little, chunks=tuple(chunks), fletcher32=True, track_times=False)
 
 
 def open_table(path: str | PathLike[str], *, max_bytes: int = MAX_BYTES) -> Table:
@@ -231,7 +155,7 @@ def _read_header(path: Path, file: Any) -> dict[str, Any]:
     if not all(isinstance(header["flags"].get(flag), bool) for flag in FLAGS):
         raise _damaged(path, "header/flags", str(header["flags"])[:100], f"true or false for {', '.join(FLAGS)}")
     for key in ("source", "report", "error", "metadata"):
-        problem = _stated(key, header[key])
+        problem = refused(key, header[key])
         if problem:
             raise _damaged(path, f"header/{problem[0]}", *problem[1:])
     return header
@@ -239,62 +163,6 @@ def _read_header(path: Path, file: Any) -> dict[str, Any]:
 
 def _not_json(constant: str) -> Any:
     raise ValueError(f"{constant} is not JSON")
-
-
-#: What is read of `error`: a number or null; lists of them by name; a number or null by name.
-_NUMBERS = (
-    *("l1", "l1_stderr", "rel_l2", "delta", "tolerance"),
-    *("negatives", "nan", "values", "directions", "seed"),
-)
-_Problem = tuple[str, str, str]
-
-
-def _stated(key: str, value: dict[str, Any]) -> _Problem | None:
-    """What is wrong with a header's `source`, `report`, `error` or `metadata`: (where, got, expected)."""
-    if _deeper_than(value, MAX_DEPTH):
-        return key, "objects inside objects", f"at most {MAX_DEPTH} levels"
-    texts = {"report": ("done", "warnings"), "error": ("warnings",)}.get(key, ())
-    for name in texts:
-        listed = value.get(name, [])
-        if not isinstance(listed, list) or not all(isinstance(x, str) for x in listed):
-            return f"{key}/{name}", _short(listed), "a list of texts"
-    if key == "source":
-        for name in ("name", "format", "sha256"):
-            if not isinstance(value.get(name, ""), str):
-                return f"{key}/{name}", _short(value[name]), "a text"
-    return _stated_error(value) if key == "error" else None
-
-
-def _stated_error(value: dict[str, Any]) -> _Problem | None:
-    for name in _NUMBERS:
-        if not _is_number(value.get(name)):
-            return f"error/{name}", _short(value[name]), "a number or null"
-    if not isinstance(value.get("regular", True), bool):
-        return "error/regular", _short(value["regular"]), "true or false"
-    for name, kind in (("albedo_bias", list), ("log_ratio", dict)):
-        named = value.get(name, {})
-        if not isinstance(named, dict):
-            return f"error/{name}", _short(named), "an object"
-        lists = named.values() if kind is list else [list(named.values())]
-        if not all(isinstance(x, list) and all(_is_number(v) for v in x) for x in lists):
-            return f"error/{name}", _short(named), "numbers or null" + (" in lists" if kind is list else "")
-    return None
-
-
-def _is_number(value: Any) -> bool:
-    # whole numbers have no largest in JSON, and floats do
-    return value is None or (isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= 1e300)
-
-
-def _deeper_than(value: Any, levels: int) -> bool:
-    if not isinstance(value, (dict, list)):
-        return False
-    inner = value.values() if isinstance(value, dict) else value
-    return levels == 0 or any(_deeper_than(x, levels - 1) for x in inner)
-
-
-def _short(value: Any) -> str:
-    return json.dumps(value)[:60]
 
 
 def _child(path: Path, group: Any, name: str, kind: type) -> Any:

@@ -6,7 +6,7 @@ import pytest
 from starlette.testclient import TestClient
 
 import brdfcore as bc
-from brdfcore.formats.base.measurements import to_brdf
+from brdfcore.formats.base.regrid import to_brdf
 from tests.app.conftest import Serve, assert_problem
 from tests.support import goniometer
 

@@ -15,9 +15,10 @@ from scipy.special import sph_harm_y_all
 
 import brdfcore as bc
 from brdfcore.build.project import norm_distance
+from brdfcore.harmonics.expansion import expanded
 from brdfcore.harmonics.irradiance import irradiance_factors, kernel_energy
 from brdfcore.harmonics.legendre import legendre
-from brdfcore.harmonics.projection import expanded, projected
+from brdfcore.harmonics.projection import projected
 from brdfcore.harmonics.rules import lobe_widths
 from brdfcore.harmonics.targets import TARGETS
 from brdfcore.harmonics.windows import WINDOWS, step_response

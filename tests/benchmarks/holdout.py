@@ -17,7 +17,8 @@ import numpy.typing as npt
 from brdfcore.base.parameters import resolve
 from brdfcore.base.status import Status
 from brdfcore.formats import astm
-from brdfcore.formats.base.measurements import Measurements, to_brdf
+from brdfcore.formats.base.measurements import Measurements
+from brdfcore.formats.base.regrid import to_brdf
 from brdfcore.formats.csv import format as csv_file
 from tests.shared import FOLDER
 

@@ -19,9 +19,9 @@ import numpy as np
 
 import brdfcore as bc
 from brdfcore.harmonics.environment import solid_angles
+from brdfcore.harmonics.expansion import expanded
 from brdfcore.harmonics.irradiance import kernel_energy
 from brdfcore.harmonics.light import Light
-from brdfcore.harmonics.projection import expanded
 from brdfcore.harmonics.transfer import Transfer
 from tests import shared
 from tests.benchmarks.timing import machine

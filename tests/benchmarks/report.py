@@ -17,8 +17,9 @@ from brdfcore.analysis.pareto.entries import Entry
 from brdfcore.analysis.pareto.pareto import Pareto
 from brdfcore.cli.arguments import load
 from brdfcore.reporting import words
+from brdfcore.reporting.item import Subject
 from brdfcore.reporting.markdown import measured_on, summary
-from brdfcore.reporting.report import Report, Subject, report
+from brdfcore.reporting.report import Report, report
 from tests import shared
 
 FORMULAS = ("oren_nayar:sigma=0.5", "cook_torrance:roughness=0.1,ior=gold", "cook_torrance:roughness=0.01,ior=gold")
@@ -138,7 +139,7 @@ def main() -> None:
             listener.flush()
     print(f"{time.perf_counter() - begun:.0f} s in all", file=listener)
     whole = Report(items, "" if given.readme else "python -m tests.benchmarks.report")
-    print("\n".join([*summary(whole), "", measured_on(whole)]))
+    print("\n".join([*summary(whole.items), "", measured_on(whole.items, whole.command)]))
     if given.runs > 1:
         print(repeats(runs), file=listener)
 

@@ -14,7 +14,7 @@ from brdfcore import testing
 from brdfcore.base.parameters import Parameter
 from brdfcore.base.registry import FORMATS, REPRESENTATIONS
 from brdfcore.formats.base.format import LossWarning
-from brdfcore.formats.base.measurements import to_brdf
+from brdfcore.formats.base.regrid import to_brdf
 from brdfcore.formats.rgl.tensor_file import encode
 from tests.support import goniometer
 from tests.support.rgl_synthetic import fields_of

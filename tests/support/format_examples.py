@@ -17,7 +17,8 @@ import numpy as np
 import brdfcore as bc
 from brdfcore.base.registry import FORMATS, REPRESENTATIONS
 from brdfcore.formats.base.format import LossWarning
-from brdfcore.formats.base.measurements import Measurements, to_brdf
+from brdfcore.formats.base.measurements import Measurements
+from brdfcore.formats.base.regrid import to_brdf
 from brdfcore.formats.rgl.tensor_file import encode
 from brdfcore.tables.specular_grid import SpecularGrid
 from tests.support.rgl_synthetic import fields_of

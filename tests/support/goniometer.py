@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import brdfcore as bc
-from brdfcore.base.brdf import RGB, Channels
+from brdfcore.base.channels import RGB, Channels
 from brdfcore.formats.base.measurements import Measurements
 
 Array = npt.NDArray[np.float64]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from brdfcore.base.brdf import RGB, Brdf
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import RGB
 from brdfcore.base.conventions import FloatArray
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from brdfcore.base.brdf import Channels
+from brdfcore.base.channels import Channels
 
 Verdict = Literal["pass", "note", "fail"]
 AngleUnit = Literal["deg", "rad"]

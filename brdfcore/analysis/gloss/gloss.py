@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from brdfcore.analysis.gloss.luminance import luminance_weights
 from brdfcore.analysis.gloss.receptor import Rectangle, received, rectangle_nodes
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import shown
 from brdfcore.base.quadrature import gauss_legendre

@@ -23,8 +23,7 @@ from brdfcore.analysis.pareto.timing import (
     time_all,
     versions,
 )
-from brdfcore.base.brdf import Brdf
-from brdfcore.base.combined import Scaled, Sum
+from brdfcore.base.brdf import Brdf, Scaled, Sum
 from brdfcore.base.errors import InputError
 from brdfcore.base.registry import REPRESENTATIONS
 from brdfcore.build.tabulate import DEFAULT_TOLERANCE, positive

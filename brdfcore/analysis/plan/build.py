@@ -9,7 +9,7 @@ from typing import Any
 from brdfcore.analysis.pareto.pareto import is_formula
 from brdfcore.analysis.plan.plan import Choice, Plan
 from brdfcore.base.atomic import replacing
-from brdfcore.base.combined import Scaled, Sum
+from brdfcore.base.brdf import Scaled, Sum
 from brdfcore.base.errors import InputError, StorageError
 from brdfcore.formats.io.files import read, write
 from brdfcore.metrics import compare

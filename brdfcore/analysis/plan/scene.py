@@ -32,8 +32,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
 from brdfcore.base.catalogue import model
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import BrdfError, FileFormatError, InputError, StorageError
 from brdfcore.build.tabulate import DEFAULT_TOLERANCE

@@ -6,20 +6,19 @@ Every part is JSON-ready; angles are in degrees, as people read them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.directions import cosine_pairs
 from brdfcore.base.status import Status
-from brdfcore.tables.scattered.coverage import SAME, Coverage
-
-if TYPE_CHECKING:
-    from brdfcore.formats.base.measurements import Measurements
-    from brdfcore.tables.scattered.table import Scattered
+from brdfcore.formats.base.measurements import Measurements
+from brdfcore.tables.scattered.coverage import SAME, Coverage, invariants, sideways
+from brdfcore.tables.scattered.table import Scattered
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -160,8 +159,6 @@ def measured_symmetries(m: Measurements) -> dict[str, Any]:
 
 def _close(a: Float64Array, b: Float64Array) -> npt.NDArray[np.bool_]:
     """Rows of geometries that are the same pair of directions up to their side, and on the same side."""
-    from brdfcore.tables.scattered.coverage import invariants, sideways
-
     same = np.abs(invariants(*a.T) - invariants(*b.T)).max(axis=1) <= SAME
     return np.asarray(same & (np.abs(sideways(*a.T) - sideways(*b.T)) <= SAME))
 

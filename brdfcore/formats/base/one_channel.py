@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from brdfcore.base.brdf import VALUE, Brdf
+from brdfcore.base.brdf import FLAGS, Brdf
+from brdfcore.base.channels import VALUE
 from brdfcore.base.conventions import FloatArray
-from brdfcore.tables.base.table import FLAGS
 
 
 class OneChannel(Brdf):

@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Brdf
+from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.directions import mixture
 from brdfcore.base.status import Status
 from brdfcore.formats.base.format import LossWarning
 from brdfcore.formats.base.one_channel import OneChannel
 from brdfcore.formats.io import files as io
 from brdfcore.metrics import Comparison, compare
-from brdfcore.tables.base.table import FLAGS
 
 #: Directions among which the worst one and those without a value are looked for; seeded, as those of `compare` are.
 _DIRECTIONS, _SEED = 50_000, 20_261_123

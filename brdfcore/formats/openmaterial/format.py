@@ -16,16 +16,17 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base.atomic import replacing
-from brdfcore.base.brdf import VALUE, Brdf, Channels
+from brdfcore.base.brdf import FLAGS, Brdf
+from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.base.errors import BrdfError, FileFormatError, InputError
 from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.format import Format, LossWarning, read_bytes
-from brdfcore.formats.base.measurements import Measurements, to_brdf
+from brdfcore.formats.base.measurements import Measurements
+from brdfcore.formats.base.regrid import to_brdf
 from brdfcore.formats.openmaterial.text import COLUMNS, Rows, bad, compose, offset_of, parse
 from brdfcore.formats.openmaterial.write import KEY, document, node_rows
 from brdfcore.metrics import measured_flags
-from brdfcore.tables.base.table import FLAGS
 from brdfcore.tables.specular_grid import SpecularGrid
 
 Float64Array = npt.NDArray[np.float64]

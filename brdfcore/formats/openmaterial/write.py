@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import RGB, VALUE, Brdf
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import RGB, VALUE
 from brdfcore.base.errors import InputError
 from brdfcore.tables.base.mirror_coordinates import above_horizon, node_directions
 from brdfcore.tables.base.table import BuildOptions

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import RGB
+from brdfcore.base.channels import RGB
 from brdfcore.base.errors import InputError
 from brdfcore.tables.vndf_warp import VndfWarp
 

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base.atomic import replacing
-from brdfcore.base.brdf import RGB, Brdf, Channels
+from brdfcore.base.brdf import FLAGS, Brdf
+from brdfcore.base.channels import RGB, Channels
 from brdfcore.base.conventions import THETA_MAX
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter, resolve
@@ -22,7 +23,6 @@ from brdfcore.formats.base.import_report import measures_of
 from brdfcore.formats.rgl.fields import fields_of_table
 from brdfcore.formats.rgl.tensor_file import MAGIC, Field, TensorFile, damaged, decode, encode
 from brdfcore.metrics import measured_flags
-from brdfcore.tables.base.table import FLAGS
 from brdfcore.tables.vndf_warp import VndfWarp
 
 #: Largest file read; the largest published isotropic one takes 15 MB.

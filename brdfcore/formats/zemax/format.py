@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base.atomic import replacing
-from brdfcore.base.brdf import VALUE, Brdf, Channels
+from brdfcore.base.brdf import FLAGS, Brdf
+from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.format import Format, LossWarning, read_bytes
@@ -24,7 +25,6 @@ from brdfcore.formats.base.one_channel import OneChannel
 from brdfcore.formats.zemax.text import ZemaxFile, bad, compose, parse
 from brdfcore.metrics import measured_flags
 from brdfcore.tables.base.mirror_coordinates import above_horizon, node_directions
-from brdfcore.tables.base.table import FLAGS
 from brdfcore.tables.specular_grid import GRAZING, SpecularGrid
 
 Float64Array = npt.NDArray[np.float64]

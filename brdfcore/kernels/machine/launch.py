@@ -15,15 +15,20 @@ import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from brdfcore.kernels.machine import blocks
 
-if TYPE_CHECKING:
-    from brdfcore.kernels.machine.jit import Kernel
-
 #: Elements from which the parallel version wins, measured on 2 cores (break-even near 6,000 for a plain table).
 PARALLEL_FROM = 8_192
+
+
+class Versions(Protocol):
+    """One loop compiled twice, `jit.Kernel`: for the calling thread, and for all cores."""
+
+    serial: Any
+    parallel: Any
+
 
 _lock = threading.Lock()
 _launched = False
@@ -51,7 +56,7 @@ def one_thread() -> Iterator[None]:
         _serial_only, blocks._serial_only = before
 
 
-def run(kernel: Kernel, n: int, args: tuple[Any, ...]) -> Any:
+def run(kernel: Versions, n: int, args: tuple[Any, ...]) -> Any:
     """Run `kernel` over n elements, on all cores if that pays and nobody else is doing so."""
     global _launched
     if n < PARALLEL_FROM or _serial_only or not _lock.acquire(blocking=False):

@@ -13,7 +13,8 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import RGB, VALUE, Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import RGB, VALUE, Channels
 from brdfcore.base.conventions import DELTA_PHI_DIRECT, HALF_PI, FloatArray
 from brdfcore.base.errors import InputError
 from brdfcore.base.geometry import PairGeometry, angles_from_vectors, pair_from_angles, pair_from_vectors

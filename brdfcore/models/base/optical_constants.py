@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Channels
+from brdfcore.base.channels import Channels
 from brdfcore.base.errors import InputError, UnknownNameError
 from brdfcore.base.parameters import Parameter
 from brdfcore.models.base import optical_tables

@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Channels
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import FileFormatError
 from brdfcore.tables.base.half_fit import FACTORS, Layout

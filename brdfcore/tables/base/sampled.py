@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Channels
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter, shown

@@ -10,15 +10,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
+from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import FLAGS, Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter
 from brdfcore.tables.base.seen import EVERYWHERE, Seen
+from brdfcore.version import __version__
 
 #: Called as progress(done, total, stage) while a table is built and measured.
 Progress = Callable[[int, int, str], None]
@@ -28,8 +31,6 @@ Progress = Callable[[int, int, str], None]
 DELTA_NODES = 361
 #: A delta reflectance may pass 1 by this much: rounding.
 _DELTA_SLACK = 1e-9
-
-FLAGS = ("bilateral", "reciprocal", "energy_conserving", "non_negative")
 
 
 def expected_time(time: float, nbytes: float) -> float:
@@ -152,7 +153,15 @@ class Table(Brdf):
     def computed_id(self) -> str:
         """`id` from the arrays as they are now, whatever happened to them since `id` was first asked for."""
         digest = hashlib.sha256()
-        head = {
+        digest.update(json.dumps(self._identity(), sort_keys=True).encode())
+        for name, array in sorted(self.to_arrays().items()):
+            little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
+            digest.update(json.dumps([name, little.dtype.str, list(little.shape)]).encode())
+            digest.update(little.data)
+        return digest.hexdigest()
+
+    def _identity(self) -> dict[str, Any]:
+        return {
             "representation": self.name,
             "evaluation_version": self.EVALUATION_VERSION,
             "channels": self.channels.to_json(),
@@ -160,18 +169,14 @@ class Table(Brdf):
             "flags": self.flags,
             "attributes": self.attributes(),
         }
-        digest.update(json.dumps(head, sort_keys=True).encode())
-        for name, array in sorted(self.to_arrays().items()):
-            little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
-            digest.update(json.dumps([name, little.dtype.str, list(little.shape)]).encode())
-            digest.update(little.data)
-        return digest.hexdigest()
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write an HDF5 file; a killed process leaves the old file or the new one (`tables.store.save`)."""
-        from brdfcore.tables import store
+        """Write an HDF5 file; a killed process leaves the old file or the new one (`tables.base.file.save`)."""
+        from brdfcore.tables.base.file import save
 
-        store.save(self, path)
+        beside = {"source": self.source, "report": self.report, "error": self.error, "metadata": self.metadata}
+        header = {**self._identity(), "id": self.computed_id(), **beside, "code_version": __version__}
+        save(Path(path), header, self.to_arrays())
 
     def __reduce__(self) -> tuple[Any, ...]:
         # by its arrays: what was compiled or derived on the way is made anew

@@ -9,13 +9,14 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import FLAGS, Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import HALF_PI, FloatArray
 from brdfcore.base.errors import FileFormatError, InputError, LimitError
 from brdfcore.base.parameters import Parameter
 from brdfcore.metrics import measured_flags
 from brdfcore.tables.base.half_lattice import HalfLattice, lattice_arrays
-from brdfcore.tables.base.table import FLAGS, BuildOptions, Progress
+from brdfcore.tables.base.table import BuildOptions, Progress
 from brdfcore.tables.scattered.coverage import Coverage
 from brdfcore.tables.scattered.fit import Predictor, Settings, choose
 from brdfcore.tables.scattered.lattice import Policy, lattice_shape, layout_of, meet, nodes_of

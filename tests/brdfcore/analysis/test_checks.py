@@ -11,7 +11,7 @@ import pytest
 import brdfcore as bc
 from brdfcore.analysis.check.checks import FAILS_ABOVE, check
 from brdfcore.analysis.check.findings import CheckReport
-from brdfcore.base.brdf import Channels
+from brdfcore.base.channels import Channels
 from brdfcore.base.errors import InputError
 from tests.brdfcore.analysis.test_gloss import Of
 from tests.shared import needs_shared, rgl_path

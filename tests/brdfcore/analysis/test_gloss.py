@@ -15,7 +15,8 @@ import brdfcore as bc
 from brdfcore.analysis.gloss.gloss import GLOSS, HAZE, Geometry, gloss
 from brdfcore.analysis.gloss.luminance import luminance_weights, photopic
 from brdfcore.analysis.gloss.receptor import Rectangle, received
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import InputError
 from brdfcore.base.quadrature import composite, gauss_legendre

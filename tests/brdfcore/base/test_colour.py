@@ -9,8 +9,9 @@ import pytest
 
 import brdfcore as bc
 from brdfcore import testing
-from brdfcore.base.brdf import Channels
-from brdfcore.formats.base.measurements import Measurements, to_brdf
+from brdfcore.base.channels import Channels
+from brdfcore.formats.base.measurements import Measurements
+from brdfcore.formats.base.regrid import to_brdf
 from tests.support import goniometer
 
 with np.printoptions():  # which the library sets for the whole process

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import brdfcore as bc
-from brdfcore.base.brdf import VALUE
-from brdfcore.formats.base.measurements import Measurements, to_brdf
+from brdfcore.base.channels import VALUE
+from brdfcore.formats.base.measurements import Measurements
+from brdfcore.formats.base.regrid import to_brdf
 from tests.support import goniometer
 
 

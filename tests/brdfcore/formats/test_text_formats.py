@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 import brdfcore as bc
 from brdfcore.base.parameters import resolve
 from brdfcore.formats import astm
-from brdfcore.formats.base.measurements import Measurements, to_brdf
+from brdfcore.formats.base.measurements import Measurements
+from brdfcore.formats.base.regrid import to_brdf
 from brdfcore.formats.csv import format as csv_file
 from tests.benchmarks.holdout import PTFE, SOLAR_ARRAY
 from tests.brdfcore.conftest import Run

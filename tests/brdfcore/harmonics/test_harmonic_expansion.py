@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import brdfcore as bc
-from brdfcore.base.brdf import RGB, Brdf
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import RGB
 from brdfcore.base.errors import FileFormatError, InputError
-from brdfcore.harmonics.expansion import HarmonicExpansion
+from brdfcore.harmonics.expansion import HarmonicExpansion, expanded
 from brdfcore.harmonics.grids import grid_values
 from brdfcore.harmonics.legendre import legendre
-from brdfcore.harmonics.projection import expanded
 from brdfcore.harmonics.rules import lobe_widths, rule_for
 from brdfcore.kernels.harmonics.harmonic import LANES, harmonic_numpy
 from brdfcore.kernels.machine import blocks

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import brdfcore as bc
+from brdfcore.harmonics.expansion import expanded
 from brdfcore.harmonics.irradiance import irradiance_factors, kernel_energy
 from brdfcore.harmonics.legendre import legendre
-from brdfcore.harmonics.projection import expanded
 from brdfcore.harmonics.targets import TARGETS, count
 from brdfcore.harmonics.windows import WINDOWS, step_response
 from tests.support.formulas import Formula, evaluated_error, lopsided

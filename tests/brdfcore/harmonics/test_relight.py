@@ -7,9 +7,8 @@ import pytest
 
 import brdfcore as bc
 from brdfcore.base.errors import InputError
-from brdfcore.harmonics.expansion import HarmonicExpansion
+from brdfcore.harmonics.expansion import HarmonicExpansion, expanded
 from brdfcore.harmonics.light import Light
-from brdfcore.harmonics.projection import expanded
 from brdfcore.harmonics.transfer import Transfer, relight
 from tests.brdfcore.harmonics.test_light import sky
 from tests.brdfcore.harmonics.test_rotation import ROTATIONS, directions

@@ -19,7 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brdfcore.base.brdf import RGB
+from brdfcore.base.channels import RGB
 from brdfcore.base.errors import InputError, MissingExtraError, UnknownNameError
 from brdfcore.models.base import microfacet
 from brdfcore.models.cook_torrance import CookTorrance

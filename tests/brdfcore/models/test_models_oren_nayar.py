@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from brdfcore.base.brdf import RGB
+from brdfcore.base.channels import RGB
 from brdfcore.base.errors import InputError
 from brdfcore.models.lambert import Lambert
 from brdfcore.models.oren_nayar import OrenNayar

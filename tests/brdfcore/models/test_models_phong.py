@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from brdfcore.base.brdf import RGB
+from brdfcore.base.channels import RGB
 from brdfcore.base.errors import InputError
 from brdfcore.base.quadrature import composite
 from brdfcore.models.blinn_phong import BlinnPhong

@@ -17,7 +17,8 @@ from PIL import Image
 
 import brdfcore as bc
 from brdfcore import plot
-from brdfcore.base.brdf import RGB, Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import RGB, Channels
 from brdfcore.plot import style
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import brdfcore as bc
-from brdfcore.formats.base.measurements import to_brdf
+from brdfcore.formats.base.regrid import to_brdf
 from tests.brdfcore.conftest import Run
 from tests.support import goniometer
 

@@ -12,7 +12,8 @@ from PIL import Image
 
 import brdfcore as bc
 from brdfcore import cli, plot
-from brdfcore.base.brdf import RGB, Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import RGB, Channels
 from brdfcore.plot import colour, lighting
 from brdfcore.plot.lit import lit, render_sphere
 

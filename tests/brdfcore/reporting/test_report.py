@@ -18,7 +18,8 @@ from brdfcore.base.registry import REPRESENTATIONS
 from brdfcore.reporting import words
 from brdfcore.reporting.appearance import appearance, flip
 from brdfcore.reporting.error_map import error_map
-from brdfcore.reporting.report import Report, Subject, file_name, report
+from brdfcore.reporting.item import Subject
+from brdfcore.reporting.report import Report, file_name, report
 from tests.brdfcore.conftest import Run
 from tests.support.sources import Constant
 

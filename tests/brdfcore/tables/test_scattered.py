@@ -10,9 +10,10 @@ import pytest
 
 import brdfcore as bc
 from brdfcore import testing
-from brdfcore.base.brdf import VALUE
+from brdfcore.base.channels import VALUE
 from brdfcore.base.status import Status
-from brdfcore.formats.base.measurements import Measurements, to_brdf
+from brdfcore.formats.base.measurements import Measurements
+from brdfcore.formats.base.regrid import to_brdf
 from brdfcore.tables.scattered.table import MIN_POINTS, Scattered
 from tests.benchmarks.holdout import FILES, held_out, measurements
 from tests.shared import needs_shared

@@ -16,6 +16,7 @@ import brdfcore as bc
 from brdfcore import testing
 from brdfcore.tables import store
 from brdfcore.tables.angle_grid import AngleGrid
+from brdfcore.tables.base import file
 from tests.brdfcore.conftest import Run
 from tests.brdfcore.kernels.test_launch import finish, start
 
@@ -78,7 +79,7 @@ def test_a_failed_save_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.Mo
     def fails(*_: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(store, "_write", fails)
+    monkeypatch.setattr(file, "_write", fails)
     with pytest.raises(bc.StorageError, match=r"a\.h5.*No space left"):
         small(0.5).save(path)
     assert path.read_bytes() == before

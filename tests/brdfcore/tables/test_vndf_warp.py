@@ -13,7 +13,7 @@ import pytest
 
 import brdfcore as bc
 from brdfcore import testing
-from brdfcore.base.brdf import RGB, Channels
+from brdfcore.base.channels import RGB, Channels
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.status import Status
 from brdfcore.formats.rgl.tensor_file import encode
