@@ -50,10 +50,12 @@ _PUBLIC = {
     "starter_library": "brdfcore.starter",
     "to_radians": "brdfcore.base.conventions",
     "to_rgb": "brdfcore.base.colour",
+    "names": None,  # a module: types and lists of choices
     "plot": None,  # a package: brdfcore.plot.polar(...)
 }
 
 if TYPE_CHECKING:  # the same names for type checkers, which would see Any through __getattr__
+    from brdfcore import names as names
     from brdfcore import plot as plot
     from brdfcore.analysis.check.checks import check as check
     from brdfcore.analysis.check.repair import repair as repair

@@ -217,12 +217,13 @@ class Brdf(ABC):
         return self._albedo(theta_i, points, azimuths, None, ALBEDO_BUDGET)[0]
 
     def albedo_error(
-        self, theta_i: npt.ArrayLike, *, tolerance: float = ALBEDO_TOLERANCE, budget: int = ALBEDO_BUDGET
+        self, theta_i: npt.ArrayLike, *, tolerance: float | None = ALBEDO_TOLERANCE, budget: int = ALBEDO_BUDGET
     ) -> tuple[FloatArray, FloatArray]:
         """(albedo, its estimated error): panels are halved until the estimate is below `tolerance` max(1, albedo).
 
-        Ends earlier when `budget` evaluations an angle are spent: the estimate says how far it came. The estimate is
-        well above the error where f is smooth. Both of shape theta_i.shape + (channels,), float64.
+        With None it is the tolerance of `albedo`, and the values are its. Ends earlier when `budget` evaluations an
+        angle are spent: the estimate says how far it came. The estimate is well above the error where f is smooth.
+        Both of shape theta_i.shape + (channels,), float64.
         """
         return self._albedo(theta_i, 12, 64, tolerance, budget)
 

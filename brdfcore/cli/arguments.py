@@ -7,10 +7,11 @@ import re
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
+import typer
 
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.catalogue import model
@@ -18,6 +19,9 @@ from brdfcore.base.conventions import ANGLE_NAMES, FloatArray, to_radians
 from brdfcore.base.errors import FileFormatError, InputError, StorageError
 from brdfcore.base.parameters import Parameter
 from brdfcore.base.registry import MODELS
+from brdfcore.names import AngleUnit
+
+Unit = Annotated[AngleUnit, typer.Option("--angles", help="Unit of the angles given and printed.")]
 
 GRAMMAR = """A SOURCE is a file (a measured file or a table, told apart by its content) or a model with parameters:
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,39 +17,17 @@ from brdfcore.base.conventions import ANGLE_NAMES, broadcast_shape
 from brdfcore.base.errors import InputError
 from brdfcore.base.registry import FORMATS, MODELS, REPRESENTATIONS, Registry
 from brdfcore.base.status import Status
-from brdfcore.cli import arguments, check, gloss, harmonics, make, repair, reports
+from brdfcore.cli import albedo, arguments, check, gloss, harmonics, make, repair, reports
 from brdfcore.cli.output import as_json, error_lines, facts, line, parameter_lines
+from brdfcore.names import Lighting, Scale, View
 
-
-class Angles(StrEnum):
-    """Unit of the angles on the command line."""
-
-    deg = "deg"
-    rad = "rad"
-
-
-class View(StrEnum):
-    polar = "polar"
-    hemisphere = "hemisphere"
-    sphere = "sphere"
-    coverage = "coverage"
-
-
-class Light(StrEnum):
-    studio = "studio"
-    sky = "sky"
-
-
-class Scale(StrEnum):
-    linear = "linear"
-    log = "log"
-
+#: Of `plot`: a slice, a lit sphere, or where the values come from.
+PlotView = Literal[View, "sphere", "coverage"]
 
 Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; an error is JSON on stderr.")]
 Source = Annotated[
     str, typer.Argument(metavar="SOURCE", show_default=False, help="File, or model as NAME:key=value,...")
 ]
-Unit = Annotated[Angles, typer.Option("--angles", help="Unit of the angles given and printed.")]
 
 app = typer.Typer(
     add_completion=False,
@@ -202,12 +179,12 @@ def evaluate(
         str | None, typer.Option(metavar="LIST", help="phi_o - phi_i; 180 is the mirror side.")
     ] = None,
     input: Annotated[str | None, typer.Option(metavar="FILE", help="Three columns of angles; - is stdin.")] = None,
-    angles: Unit = Angles.deg,
+    angles: arguments.Unit = "deg",
     status: Annotated[bool, typer.Option("--status", help="Also where each value comes from.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Comma-separated values.")] = False,
     json: Json = False,
 ) -> None:
-    unit = angles.value
+    unit = angles
     typed = _directions((theta_i, theta_o, delta_phi), input, unit)
     radians = [arguments.angle(name, values, unit) for name, values in zip(ANGLE_NAMES, typed)]
     b = arguments.load(source)
@@ -287,15 +264,15 @@ def plot(
     sources: Annotated[list[str], typer.Argument(metavar="SOURCE...", show_default=False, help="Files or models.")],
     out: Annotated[Path, typer.Option("--out", "-o", help=".png, .svg, .csv or .json file.", show_default=False)],
     theta_i: Annotated[str | None, typer.Option(metavar="LIST", help="Light: 0,30,60; hemisphere: one, 30.")] = None,
-    view: Annotated[View, typer.Option(help="Plane of incidence, all viewers, or a lit sphere.")] = View.polar,
+    view: Annotated[PlotView, typer.Option(help="Plane of incidence, all viewers, or a lit sphere.")] = "polar",
     scale: Annotated[Scale | None, typer.Option(help="Of f_r.  [default: linear]", show_default=False)] = None,
     light: Annotated[
-        Light | None, typer.Option(help="Around the sphere.  [default: studio]", show_default=False)
+        Lighting | None, typer.Option(help="Around the sphere.  [default: studio]", show_default=False)
     ] = None,
     channel: Annotated[str | None, typer.Option(help="Name, wavelength or position.", show_default=False)] = None,
     title: Annotated[str | None, typer.Option(help="Instead of the sources.", show_default=False)] = None,
     dpi: Annotated[float, typer.Option(help="Of a .png, 20 to 1200.")] = 150.0,
-    angles: Unit = Angles.deg,
+    angles: arguments.Unit = "deg",
 ) -> None:
     kind = out.suffix.lower().removeprefix(".")
     if kind not in ("png", "svg", "csv", "json"):
@@ -303,20 +280,20 @@ def plot(
             "bad_extension", f"{out}: expected a name ending in .png, .svg, .csv or .json", where="--out", got=kind
         )
     _check_sphere(view, kind, theta_i, scale, light)
-    if view is View.coverage and kind in ("csv", "json"):
+    if view == "coverage" and kind in ("csv", "json"):
         raise InputError(
             "bad_extension", f"{out}: the coverage is a picture, .png or .svg; its numbers are in brdf info --json",
             where="--out", got=kind,
         )  # fmt: skip
-    single = view is not View.polar or kind in ("csv", "json")
+    single = view != "polar" or kind in ("csv", "json")
     if single and len(sources) > 1:
-        raise InputError("one_source", f"{view.value}, .{kind}: takes one SOURCE, got {len(sources)}", where="SOURCE")
-    unit = angles.value
+        raise InputError("one_source", f"{view}, .{kind}: takes one SOURCE, got {len(sources)}", where="SOURCE")
+    unit = angles
     lights: npt.NDArray[np.float64] | None
-    if theta_i is None and view is View.coverage:
+    if theta_i is None and view == "coverage":
         lights = None
     elif theta_i is None:
-        lights = np.radians([30.0] if view is View.hemisphere else [0.0, 30.0, 60.0])
+        lights = np.radians([30.0] if view == "hemisphere" else [0.0, 30.0, 60.0])
     else:
         lights = np.asarray(arguments.angle("theta_i", arguments.numbers("--theta-i", theta_i), unit))
     names = [arguments.label(s) for s in sources]
@@ -328,9 +305,9 @@ def plot(
     line(str(out))
 
 
-def _check_sphere(view: View, kind: str, theta_i: str | None, scale: Scale | None, light: Light | None) -> None:
+def _check_sphere(view: PlotView, kind: str, theta_i: str | None, scale: Scale | None, light: Lighting | None) -> None:
     """An option that the view has no use for is an error: it would be ignored in silence."""
-    if view is View.sphere:
+    if view == "sphere":
         if kind in ("csv", "json"):
             raise InputError(
                 "bad_extension", f"sphere is a picture: .png or .svg, not .{kind}", where="--out", got=kind
@@ -339,16 +316,16 @@ def _check_sphere(view: View, kind: str, theta_i: str | None, scale: Scale | Non
     else:
         idle = "--light" if light is not None else None
     if idle is not None:
-        raise InputError("options_exclude", f"--view {view.value} takes no {idle}: leave it out", where=idle)
+        raise InputError("options_exclude", f"--view {view} takes no {idle}: leave it out", where=idle)
 
 
 def _picture(
     materials: dict[str, Brdf],
     lights: npt.NDArray[np.float64] | None,
     kind: str,
-    view: View,
+    view: PlotView,
     scale: Scale | None,
-    light: Light | None,
+    light: Lighting | None,
     channel: str | None,
     title: str | None,
     dpi: float,
@@ -357,21 +334,21 @@ def _picture(
     from brdfcore import plot as pictures
 
     name, first = next(iter(materials.items()))
-    if view is View.coverage or lights is None:
+    if view == "coverage" or lights is None:
         where = pictures.coverage(first, lights, title=title or name, dpi=dpi)
         return bytes(pictures.render(where, kind))
     if kind in ("csv", "json"):
-        data = pictures.slice(first, lights, view=view.value, channel=channel)
+        data = pictures.slice(first, lights, view=view, channel=channel)
         if kind == "csv":
             return str(data.to_csv(unit)).encode()
         from json import dumps
 
         return (dumps(data.to_json(unit)) + "\n").encode()
-    options: dict[str, Any] = {"scale": (scale or Scale.linear).value, "channel": channel, "dpi": dpi}
-    if view is View.sphere:
-        shone = (light or Light.studio).value
+    options: dict[str, Any] = {"scale": scale or "linear", "channel": channel, "dpi": dpi}
+    if view == "sphere":
+        shone = light or "studio"
         figure = pictures.sphere(first, shone, channel=channel, title=title or name, dpi=dpi)
-    elif view is View.hemisphere:
+    elif view == "hemisphere":
         figure = pictures.hemisphere(first, lights, title=title or name, **options)
     elif len(materials) == 1:
         figure = pictures.polar(first, lights, title=title or name, **options)
@@ -384,6 +361,7 @@ def _picture(
 make.add_to(app)
 check.add_to(app)
 gloss.add_to(app)
+albedo.add_to(app)
 repair.add_to(app)
 reports.add_to(app)
 harmonics.add_to(app)

@@ -15,6 +15,7 @@ from brdfcore.base.errors import InputError
 from brdfcore.cli import arguments
 from brdfcore.cli.make import Force, Json, may_write
 from brdfcore.cli.output import as_json, bytes_text, facts, line, progress_bar, warn
+from brdfcore.names import Target, Window
 
 #: Degrees whose errors are printed, beside the last.
 _SHOWN = (0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
@@ -41,10 +42,8 @@ def harmonics(
     tolerance: Annotated[
         float | None, typer.Option(help="Error of the target to reach, e.g. 0.05.", show_default=False)
     ] = None,
-    target: Annotated[str, typer.Option(help="f_cos_cos, f or f_cos_o.")] = "f_cos_cos",
-    window: Annotated[
-        str | None, typer.Option(help="Against ringing: lanczos, hann, lanczos2.", show_default=False)
-    ] = None,
+    target: Annotated[Target, typer.Option(help="What is expanded.")] = "f_cos_cos",
+    window: Annotated[Window | None, typer.Option(help="Against ringing.", show_default=False)] = None,
     symmetrise: Annotated[bool, typer.Option("--symmetrise", help="Keep the reciprocal part only.")] = False,
     out: Annotated[Path | None, typer.Option("--out", "-o", help=".h5, .png or .svg file.", show_default=False)] = None,
     theta_i: Annotated[

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 from brdfcore.base.errors import missing_extra
 
 _PUBLIC = {
-    "Client": "sync",
+    "Client": "service",
     "Job": "jobs",
     "ReportJob": "jobs",
     "RemoteBrdf": "material",
-    "AsyncClient": "aio",
+    "AsyncClient": "service",
     "AsyncJob": "jobs",
     "AsyncReportJob": "jobs",
-    "AsyncMaterial": "async_material",
+    "AsyncMaterial": "material",
     "ServiceError": "errors",
     "DeadlineError": "errors",
     "AccessError": "errors",
@@ -30,8 +30,6 @@ _PUBLIC = {
 }
 
 if TYPE_CHECKING:  # the same names for type checkers, which would see Any through __getattr__
-    from brdfcore.client.aio import AsyncClient as AsyncClient
-    from brdfcore.client.async_material import AsyncMaterial as AsyncMaterial
     from brdfcore.client.errors import AccessError as AccessError
     from brdfcore.client.errors import DeadlineError as DeadlineError
     from brdfcore.client.errors import JobError as JobError
@@ -40,8 +38,10 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.client.jobs import AsyncReportJob as AsyncReportJob
     from brdfcore.client.jobs import Job as Job
     from brdfcore.client.jobs import ReportJob as ReportJob
+    from brdfcore.client.material import AsyncMaterial as AsyncMaterial
     from brdfcore.client.material import RemoteBrdf as RemoteBrdf
-    from brdfcore.client.sync import Client as Client
+    from brdfcore.client.service import AsyncClient as AsyncClient
+    from brdfcore.client.service import Client as Client
 
 __all__ = list(_PUBLIC)
 

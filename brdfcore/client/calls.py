@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from os import PathLike
 from typing import Any, Literal
 from urllib.parse import quote, urlencode
 
@@ -48,6 +49,13 @@ class Pause:
     """Wait this long before the next step."""
 
     seconds: float
+
+
+@dataclass(frozen=True)
+class Read:
+    """Read a file of this machine."""
+
+    file: str | PathLike[str]
 
 
 @dataclass(frozen=True)

@@ -35,11 +35,11 @@ class Connection:
     def checked(
         cls,
         url: str,
-        key: str | None,
-        timeout: float,
-        deadline: float,
-        progress: Progress | bool,
-        chunk_points: int,
+        key: str | None = None,
+        timeout: float = 30.0,
+        deadline: float = 60.0,
+        progress: Progress | bool = True,
+        chunk_points: int = CHUNK_POINTS,
     ) -> Connection:
         """Raises `InputError` naming the option. A key that is not given is read from BRDF_API_KEY."""
         try:

@@ -1,5 +1,5 @@
-"""What is said between client and service, as generators: each yields a `Call` or a `Pause`, is sent the `Answer`, or
-thrown the error the call ended in, and returns its result. The synchronous and the asynchronous client only drive them.
+"""What is said between client and service, as generators: each yields a `Call`, a `Pause` or a `Read`, is sent what
+comes of it, or thrown the error it ended in, and returns its result. `driver` runs them, for both clients.
 """
 
 from __future__ import annotations
@@ -14,20 +14,21 @@ import numpy.typing as npt
 from brdfcore.base.conventions import FloatArray, as_float, flatten_vectors
 from brdfcore.base.errors import BrdfError, InputError, LimitError
 from brdfcore.client import calls
-from brdfcore.client.calls import Answer, Call, Pause
+from brdfcore.client.calls import Answer, Call, Pause, Read
 from brdfcore.client.connection import Connection
 from brdfcore.client.errors import with_index
 from brdfcore.client.progress import reporting
+from brdfcore.names import MATERIAL_NAME
 
 T = TypeVar("T")
-Exchange = Generator[Call | Pause, Any, T]
+Exchange = Generator[Call | Pause | Read, Any, T]
 
 Flat = tuple[FloatArray, FloatArray, FloatArray]
 
 #: Angles of one albedo request: what a service takes by default.
 _ANGLES_AT_ONCE = 16
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_NAME = re.compile(MATERIAL_NAME)
 #: What every material's metadata says.
 _FACTS = ("name", "id", "channels", "bilateral", "reciprocal", "energy_conserving", "non_negative", "has_delta")
 
@@ -171,18 +172,18 @@ def reflectances(id: str, name: str, theta_i: npt.NDArray[np.float64], channels:
     return found
 
 
-def slice(id: str, theta_i: npt.ArrayLike, format: str, **looks: Any) -> Exchange[dict[str, Any] | bytes]:
-    """A slice: the JSON answer as a dict, every other format as bytes."""
-    angles = as_float("theta_i", theta_i).astype(np.float64)
-    query = {"theta_i": angles, "angles": "rad", **looks}
-    answer: Answer = yield calls.get("tables", id, f"slice.{format}", query=query, accept="*/*")
-    return answer.json() if format == "json" else answer.content
+def told(id: str, name: str, query: Mapping[str, Any] | None = None) -> Exchange[dict[str, Any]]:
+    """What the service says of a material under `name`, an object of JSON."""
+    answer: Answer = yield calls.get("tables", id, name, query=query)
+    found = answer.json()
+    if not isinstance(found, dict):
+        raise calls.unexpected(answer, f"the {name} of a material")
+    return found
 
 
-def sphere(id: str, light: str, size: int, channel: Any) -> Exchange[bytes]:
-    """A lit sphere, PNG."""
-    query = {"light": light, "size": size, "channel": channel}
-    answer: Answer = yield calls.get("tables", id, "sphere.png", query=query, accept="*/*")
+def drawn(*address: str, query: Mapping[str, Any] | None = None) -> Exchange[bytes]:
+    """A picture or a text, as it comes."""
+    answer: Answer = yield calls.get(*address, query=query, accept="*/*")
     return answer.content
 
 
@@ -222,15 +223,6 @@ def relight(
     radiance = np.empty((pairs.wi.shape[0], len(rows[0])))
     calls.read_rows(answer, "radiance", radiance)
     return radiance.reshape(*pairs.shape, -1)
-
-
-def analysis(id: str, name: str, query: Mapping[str, Any] | None = None) -> Exchange[dict[str, Any]]:
-    """What the service says of a material under `name`: "checks", "gloss" or "harmonics"."""
-    answer: Answer = yield calls.get("tables", id, name, query=query)
-    found = answer.json()
-    if not isinstance(found, dict):
-        raise calls.unexpected(answer, f"the {name} of a material")
-    return found
 
 
 def plain(value: Any) -> Any:

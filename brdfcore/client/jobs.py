@@ -1,20 +1,19 @@
-"""Work that a service does for longer than a request may take, synchronous and for asyncio."""
+"""Work that a service does for longer than a request may take."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, Generic, TypeVar
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any, ClassVar
 
-from brdfcore.client import writing
-from brdfcore.client.async_material import AsyncMaterial, AsyncRun
-from brdfcore.client.connection import Connection
+from brdfcore.client import exchanges, writing
+from brdfcore.client.driver import Driver
 from brdfcore.client.errors import ServiceError
-from brdfcore.client.material import RemoteBrdf, Run
+from brdfcore.client.exchanges import Exchange
+from brdfcore.client.material import AsyncMaterial, RemoteBrdf
+from brdfcore.client.questions import Asked, Async, Sync, question, question_for
 
-R = TypeVar("R")
 
-
-class JobState(Generic[R]):
+class JobState:
     """What is known of a job: its facts as of the last look.
 
     id        None if the service was done at once.
@@ -24,8 +23,8 @@ class JobState(Generic[R]):
     facts     all that the service says of it.
     """
 
-    def __init__(self, run: R, connection: Connection, facts: Mapping[str, Any]) -> None:
-        self._run, self._connection = run, connection
+    def __init__(self, driver: Driver, facts: Mapping[str, Any]) -> None:
+        self._driver = driver
         self._adopt(facts)
 
     def _adopt(self, facts: Mapping[str, Any]) -> None:
@@ -45,68 +44,57 @@ class JobState(Generic[R]):
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.id or 'without id'} making {self.material}: {self.state}>"
 
+    def _end(self, timeout: float | None) -> Exchange[None]:
+        if self.state != "done":
+            self._adopt((yield from writing.follow(self.facts, timeout, self._driver.connection)))
 
-class Job(JobState[Run]):
-    """A job of `Client`."""
 
-    def __init__(
-        self, run: Run, connection: Connection, facts: Mapping[str, Any], material: Callable[[str], RemoteBrdf]
-    ) -> None:
-        super().__init__(run, connection, facts)
-        self._material = material
+class MaterialJob(JobState):
+    """A job that makes a material."""
 
-    def wait(self, timeout: float | None = None) -> RemoteBrdf:
+    _MATERIAL: ClassVar[type[Any]]
+
+    @question_for(RemoteBrdf, AsyncMaterial)
+    def wait(self, timeout: float | None = None) -> Exchange[Any]:
         """The material once it is there; with a bar on a terminal.
 
         Raises what the job failed with as a local error, `JobError` if it was cancelled or the service has lost it,
         `DeadlineError` after `timeout` seconds: it goes on, and may be waited for again.
         """
-        if self.state != "done":
-            self._adopt(self._run(writing.follow(self.facts, timeout, self._connection)))
-        return self._material(self.material)
+        yield from self._end(timeout)
+        facts = yield from exchanges.facts("materials", exchanges.checked_name(self.material))
+        return self._MATERIAL(self._driver, facts)
 
-    def refresh(self) -> Job:
+    def _look(self) -> Exchange[Any]:
         """Look again, and return itself."""
         if self.id is not None:
-            self._adopt(self._run(writing.look(self.id)))
+            self._adopt((yield from writing.look(self.id)))
         return self
 
-    def cancel(self) -> None:
+    refresh: Asked[Callable[[], Job], Callable[[], Coroutine[Any, Any, AsyncJob]]] = question(_look)
+
+    @question
+    def cancel(self) -> Exchange[None]:
         """End it; one that has ended stays as it is."""
         if self.id is not None:
-            self._run(writing.cancel(self.id))
-            self.refresh()
+            yield from writing.cancel(self.id)
+            yield from self._look()
 
 
-class ReportJob(JobState[Run]):
-    """A job of `Client.pareto`."""
+class ReportOfJob(JobState):
+    """A job that makes a report."""
 
-    def wait(self, timeout: float | None = None) -> dict[str, Any]:
+    @question
+    def wait(self, timeout: float | None = None) -> Exchange[dict[str, Any]]:
         """The report once it is there: {material, tolerance, chosen, front, entries, advice, ...}; raises as
         `Job.wait`."""
-        if self.state != "done":
-            self._adopt(self._run(writing.follow(self.facts, timeout, self._connection)))
+        yield from self._end(timeout)
         return report_of(self.facts)
 
-    def picture(self) -> bytes:
+    @question
+    def picture(self) -> Exchange[bytes]:
         """The report as PNG, once it is done."""
-        found: bytes = self._run(writing.picture(str(self.id)))
-        return found
-
-
-class AsyncReportJob(JobState[AsyncRun]):
-    """A job of `AsyncClient.pareto`: the methods of `ReportJob`, to be awaited."""
-
-    async def wait(self, timeout: float | None = None) -> dict[str, Any]:
-        """The report once it is there; see `ReportJob.wait`."""
-        if self.state != "done":
-            self._adopt(await self._run(writing.follow(self.facts, timeout, self._connection)))
-        return report_of(self.facts)
-
-    async def picture(self) -> bytes:
-        """The report as PNG, once it is done."""
-        found: bytes = await self._run(writing.picture(str(self.id)))
-        return found
+        return exchanges.drawn("jobs", str(self.id), "pareto.png")
 
 
 def report_of(facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -121,33 +109,21 @@ def report_of(facts: Mapping[str, Any]) -> dict[str, Any]:
         ) from error
 
 
-class AsyncJob(JobState[AsyncRun]):
+class Job(Sync, MaterialJob):
+    """A job of `Client`."""
+
+    _MATERIAL = RemoteBrdf
+
+
+class AsyncJob(Async, MaterialJob):
     """A job of `AsyncClient`: the methods of `Job`, to be awaited."""
 
-    def __init__(
-        self,
-        run: AsyncRun,
-        connection: Connection,
-        facts: Mapping[str, Any],
-        material: Callable[[str], Awaitable[AsyncMaterial]],
-    ) -> None:
-        super().__init__(run, connection, facts)
-        self._material = material
+    _MATERIAL = AsyncMaterial
 
-    async def wait(self, timeout: float | None = None) -> AsyncMaterial:
-        """The material once it is there; see `Job.wait`."""
-        if self.state != "done":
-            self._adopt(await self._run(writing.follow(self.facts, timeout, self._connection)))
-        return await self._material(self.material)
 
-    async def refresh(self) -> AsyncJob:
-        """Look again, and return itself."""
-        if self.id is not None:
-            self._adopt(await self._run(writing.look(self.id)))
-        return self
+class ReportJob(Sync, ReportOfJob):
+    """A job of `Client.pareto`."""
 
-    async def cancel(self) -> None:
-        """End it; one that has ended stays as it is."""
-        if self.id is not None:
-            await self._run(writing.cancel(self.id))
-            await self.refresh()
+
+class AsyncReportJob(Async, ReportOfJob):
+    """A job of `AsyncClient.pareto`: the methods of `ReportJob`, to be awaited."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from brdfcore.base.errors import BrdfError, StorageError, UnknownNameError
 from brdfcore.client import calls, exchanges
-from brdfcore.client.calls import Answer, Call, Pause
+from brdfcore.client.calls import Answer, Call, Pause, Read
 from brdfcore.client.connection import Connection
 from brdfcore.client.errors import DeadlineError, JobError, error_of
 from brdfcore.client.exchanges import Exchange, checked_name
@@ -43,14 +43,15 @@ def put(
 
 def upload(
     name: str,
-    content: bytes,
+    file: bytes | str | PathLike[str],
     format: str | None,
     options: Mapping[str, Any] | None,
     tabulate: Mapping[str, Any] | None,
     replace: bool,
 ) -> Exchange[dict[str, Any]]:
-    """Store a file; the facts of the job."""
+    """Store a file, given by its path or as its bytes; the facts of the job."""
     checked_name(name)
+    content = file if isinstance(file, bytes) else (yield Read(file))
     headers = yield from _condition(name, replace)
     query = {
         "format": format,
@@ -75,12 +76,6 @@ def pareto(
     body = exchanges.plain({k: v for k, v in given.items() if v is not None})
     answer: Answer = yield calls.send_json("POST", "materials", checked_name(name), "pareto", body=body)
     return checked_job(answer)
-
-
-def picture(id: str) -> Exchange[bytes]:
-    """The picture of a job's report, PNG."""
-    answer: Answer = yield calls.get("jobs", id, "pareto.png", accept="*/*")
-    return answer.content
 
 
 def delete(name: str) -> Exchange[None]:

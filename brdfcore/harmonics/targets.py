@@ -15,6 +15,7 @@ import numpy.typing as npt
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import shown
 from brdfcore.harmonics.legendre import Parity, degrees, order_size
+from brdfcore.names import Target as TargetName
 
 #: A MERL file, the usual measure of a large table: what an expansion above it has to be told beside.
 MERL_BYTES = 34_992_012
@@ -24,7 +25,7 @@ MERL_BYTES = 34_992_012
 class Target:
     """f c_i^cos_i c_o^cos_o."""
 
-    name: str
+    name: TargetName
     cos_i: int
     cos_o: int
 
@@ -42,7 +43,9 @@ class Target:
         return self.cos_i == self.cos_o
 
 
-TARGETS = MappingProxyType({t.name: t for t in (Target("f_cos_cos", 1, 1), Target("f", 0, 0), Target("f_cos_o", 0, 1))})
+TARGETS: MappingProxyType[str, Target] = MappingProxyType(
+    {t.name: t for t in (Target("f_cos_cos", 1, 1), Target("f", 0, 0), Target("f_cos_o", 0, 1))}
+)
 
 
 def target_named(name: object) -> Target:

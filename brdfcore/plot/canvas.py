@@ -13,6 +13,7 @@ from matplotlib.textpath import TextToPath
 
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError
+from brdfcore.names import Scale, choices
 from brdfcore.plot import style
 from brdfcore.plot.style import FAINT
 
@@ -92,7 +93,7 @@ def delta_notes(materials: Mapping[str, Brdf], lights: Array) -> list[str]:
 
 
 def check_scale(scale: str) -> None:
-    if scale not in ("linear", "log"):
+    if scale not in choices(Scale):
         raise InputError(
             "bad_option",
             f"scale={scale!r}: expected 'linear' or 'log'",

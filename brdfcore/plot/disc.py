@@ -18,11 +18,12 @@ from matplotlib.patheffects import withStroke
 
 from brdfcore.base import conventions
 from brdfcore.base.brdf import Brdf
+from brdfcore.names import Scale
 from brdfcore.plot import style
 from brdfcore.plot.canvas import canvas, check_scale, delta_notes, footnotes, heading
 from brdfcore.plot.rendering import drawing
 from brdfcore.plot.slices import slice as slice_of
-from brdfcore.plot.style import FAINT, INK, Radial, Scale
+from brdfcore.plot.style import FAINT, INK, Radial
 
 Array = npt.NDArray[np.float64]
 

@@ -17,11 +17,12 @@ from matplotlib.lines import Line2D
 from brdfcore.base import conventions
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError
+from brdfcore.names import Scale
 from brdfcore.plot import style
 from brdfcore.plot.canvas import canvas, check_scale, delta_notes, fitted, footnotes, heading, inches_of
 from brdfcore.plot.rendering import drawing
 from brdfcore.plot.slices import slice as slice_of
-from brdfcore.plot.style import FAINT, INK, RING, Radial, Scale
+from brdfcore.plot.style import FAINT, INK, RING, Radial
 
 Array = npt.NDArray[np.float64]
 

@@ -7,9 +7,10 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from brdfcore.base.errors import InputError
+from brdfcore.names import PictureFormat, choices
 from brdfcore.plot.style import RC
 
 if TYPE_CHECKING:
@@ -32,12 +33,12 @@ def drawing() -> Iterator[None]:
         yield
 
 
-def render(figure: Figure, format: Literal["png", "svg"] = "png") -> bytes:
+def render(figure: Figure, format: PictureFormat = "png") -> bytes:
     """`figure` as a file's bytes; no date, no random ids, so equal figures are equal bytes.
 
     Raises `InputError` for another format.
     """
-    if format not in MEDIA_TYPES:
+    if format not in choices(PictureFormat):
         raise InputError(
             "bad_option",
             f"format={format!r}: expected 'png' or 'svg'",

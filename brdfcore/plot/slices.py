@@ -8,7 +8,7 @@ theta_o = +theta_i and the light itself stands at theta_o = -theta_i.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,10 +17,9 @@ from brdfcore.base import conventions
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.errors import InputError
+from brdfcore.names import AngleUnit, View, choices
 
 Array = npt.NDArray[np.float64]
-View = Literal["polar", "hemisphere"]
-AngleUnit = Literal["deg", "rad"]
 
 #: Evenly spaced directions of a slice, both horizons included: every half degree.
 POLAR_POINTS = 361
@@ -124,7 +123,7 @@ def slice(
     Raises `InputError` for an angle outside its domain or a bad view or number of points, `UnknownNameError`
     for an unknown channel.
     """
-    if view not in ("polar", "hemisphere"):
+    if view not in choices(View):
         raise InputError(
             "bad_option",
             f"view={view!r}: expected 'polar' or 'hemisphere'",

@@ -7,7 +7,7 @@ import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +15,7 @@ import numpy.typing as npt
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.registry import MODELS
-
-Scale = Literal["linear", "log"]
+from brdfcore.names import Scale
 
 #: P. Tol's high- and medium-contrast colours: apart for colour-blind readers and in greyscale. Line styles
 #: double the distinction, so that a photocopy is still readable.

@@ -27,7 +27,7 @@ USE = """
 import asyncio, sys
 import numpy as np
 import brdfcore.client
-assert not {"httpx2", "brdfcore.client.sync"} & set(sys.modules), "importing the client imports httpx2"
+assert not {"httpx2", "brdfcore.client.service"} & set(sys.modules), "importing the client imports httpx2"
 from brdfcore.client import AsyncClient, Client
 
 def check(values):

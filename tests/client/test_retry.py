@@ -25,7 +25,7 @@ def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Seconds that the client would have slept; time passes as it asks, without anyone waiting."""
     slept: list[float] = []
     real = time.monotonic
-    monkeypatch.setattr("brdfcore.client.sync.sleep", slept.append)
+    monkeypatch.setattr("brdfcore.client.driver.sleep", slept.append)
     monkeypatch.setattr("brdfcore.client.retry.monotonic", lambda: real() + sum(slept))
     return slept
 

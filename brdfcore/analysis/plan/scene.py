@@ -39,8 +39,9 @@ from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import BrdfError, FileFormatError, InputError, StorageError
 from brdfcore.build.tabulate import DEFAULT_TOLERANCE
 from brdfcore.formats.io.files import read
+from brdfcore.names import MATERIAL_NAME
 
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+NAME = re.compile(MATERIAL_NAME)
 #: Far above any scene that a person writes; a larger file is something else.
 MAX_BYTES, MAX_MATERIALS = 10_000_000, 1_000
 _MATERIAL_KEYS = ("name", "model", "parameters", "file", "light", "view", "lighting", "channels", "error")

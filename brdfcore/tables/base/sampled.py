@@ -13,11 +13,12 @@ from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter, shown
 from brdfcore.base.status import Status
+from brdfcore.names import Interpolation, choices
 from brdfcore.tables.base.table import Table, interpolated_delta
 
 #: nearest: the node's value. linear: never outside the nodes of the cell. monotone_cubic: nor is it, third order where
 #: the nodes are monotone, and smooth along their lines (`kernels.tables.interpolation`); some ten times the work.
-INTERPOLATIONS = ("nearest", "linear", "monotone_cubic")
+INTERPOLATIONS = choices(Interpolation)
 
 INTERPOLATION = Parameter(
     "interpolation", "", "between the nodes; none passes the largest node around, or 0 if no node does",

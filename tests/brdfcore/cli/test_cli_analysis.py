@@ -1,4 +1,4 @@
-"""`brdf check`, `brdf gloss`, `brdf repair`: pages, JSON, exit codes."""
+"""`brdf check`, `brdf gloss`, `brdf albedo`, `brdf repair`: pages, JSON, exit codes."""
 
 from __future__ import annotations
 
@@ -53,9 +53,49 @@ def test_gloss_as_json(run: Run) -> None:
     assert found["gloss"]["60"]["values"][0] == pytest.approx(91.91, abs=0.01)
 
 
+def test_albedo_prints_the_digits_that_are_known(run: Run, gold_table: Path) -> None:
+    status, out, err = run("albedo", "lambert:reflectance=[0.5,0.25,0.125]", "--theta-i", "0")
+    assert (status, err) == (0, "")
+    assert out.splitlines()[2].split()[:5] == ["theta_i,", "deg", "R", "G", "B"]
+    assert [float(x) for x in out.splitlines()[3].split()[:4]] == [0, 0.5, 0.25, 0.125]
+    status, out, err = run("albedo", gold_table, "--theta-i", "0.5", "--angles", "rad")
+    _, text, _, error = (line := out.splitlines()[-1]).split()
+    value, off = (x[0, 0] for x in bc.open_table(gold_table).albedo_error([0.5], tolerance=None))
+    assert (status, err) == (0, "")
+    assert off > 1e-9, line
+    # rounding costs less than the error, and no digit says more than a tenth of it
+    assert abs(float(text) - value) <= off
+    assert 10.0 ** -len(text.partition(".")[2]) > off / 10
+    assert float(error) == pytest.approx(off, rel=0.5)
+
+
+def test_albedo_counts_the_mirror_part(run: Run) -> None:
+    status, out, _ = run("albedo", "mirror:ior=1.5", "--theta-i", "0,60", "--json")
+    found = json.loads(out)
+    here = bc.model("mirror", ior=1.5)
+    theta = bc.to_radians([0.0, 60.0])
+    assert status == 0
+    assert found["values"] == here.albedo(theta).tolist() == found["delta_reflectance"]
+    assert (found["theta_i"], found["angles"], found["channels"], found["has_delta"]) == (
+        [0, 60],
+        "deg",
+        ["value"],
+        True,
+    )
+    assert found["values"][0][0] == pytest.approx(0.04)
+    assert len(found["error"]) == 2
+    status, out, _ = run("albedo", "mirror:ior=1.5", "--theta-i", "0")
+    assert out.splitlines()[-1].split() == ["0", "0.040000000"]
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
+        ("albedo", "lambert", "--theta-i", "95"),
+        ("albedo", "lambert", "--theta-i", "nan"),
+        ("albedo", "lambert", "--theta-i", "x"),
+        ("albedo", "lambert", "--theta-i", ",".join(["1"] * 1001)),
+        ("albedo", "lambert", "--angles", "gon"),
         ("gloss", "lambert", "--geometry", "45"),
         ("gloss", "lambert", "--geometry", "45:1,2:3,x"),
         ("gloss", "lambert", "--geometry", "4,5:1,2:3,4"),
@@ -71,7 +111,7 @@ def test_gloss_as_json(run: Run) -> None:
         ("repair", "lambert", "-o", "x.h5", "--do", ""),
         ("repair", "lambert", "-o", "x.h5"),
     ],
-    ids=" ".join,
+    ids=lambda words: " ".join(words)[:60],
 )
 def test_mistakes_are_told(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
