@@ -25,7 +25,7 @@ from brdf_service.server.request_log import AccessLog
 from brdf_service.server.warmup import warm_up
 from brdf_service.settings import Settings
 from brdf_service.state import State
-from brdf_service.work.drawing import Artist
+from brdf_service.work.drawing import Drawing
 from brdf_service.work.jobs import Jobs
 from fastapi import FastAPI
 from starlette.exceptions import HTTPException
@@ -48,13 +48,12 @@ def create_app(settings: Settings | None = None, *, warm: bool = True) -> FastAP
     """
     settings = settings or Settings.load()
     library = Library(settings.data, settings.cache_bytes)
-    store = Store(settings.data, library)
-    state = State(settings, library, store, Jobs(settings, store), Metrics(), artist=Artist() if warm else None)
+    store = Store(library)
+    state = State(settings, library, store, Jobs(settings, store), Metrics(), Drawing(apart=warm))
 
     def warm_then_ready() -> None:
         if warm:
-            assert state.artist is not None
-            warm_up(state.library, state.artist)
+            warm_up(state.library, state.drawing)
             # what is loaded by now stays: the collector need not look through it again and again
             gc.collect()
             gc.freeze()
@@ -67,8 +66,7 @@ def create_app(settings: Settings | None = None, *, warm: bool = True) -> FastAP
         threading.Thread(target=warm_then_ready, name=WARM_UP, daemon=True).start()
         yield
         state.jobs.stop()
-        if state.artist is not None:
-            state.artist.stop()
+        state.drawing.stop()
 
     app = Service(
         docs_url=None,  # the framework's page loads scripts from a server on the internet; pages.py has one of its own

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,18 +9,14 @@ from typing import cast
 
 from anyio import CapacityLimiter
 from brdf_service.http.metrics import Metrics
-from brdf_service.library.lru import ByteLru
 from brdf_service.library.materials import Library
 from brdf_service.library.writing import Store
 from brdf_service.server.request import Hosts
 from brdf_service.settings import Settings
-from brdf_service.work.drawing import Artist
+from brdf_service.work.drawing import Drawing
 from brdf_service.work.expansions import Expansions
 from brdf_service.work.jobs import Jobs
 from starlette.requests import Request
-
-#: Bytes of pictures that are kept.
-PICTURE_BYTES = 16 * 2**20
 
 
 @dataclass
@@ -33,23 +28,15 @@ class State:
     store: Store
     jobs: Jobs
     metrics: Metrics
+    drawing: Drawing
     #: Takes the line that each request leaves in the log; None: no such log.
     access_log: Callable[[str], object] | None = None
-    #: Pictures by ETag: the start page shows the same ones to everybody, and drawing takes longest of all.
-    pictures: ByteLru[str, bytes] = field(default_factory=lambda: ByteLru(PICTURE_BYTES))
-    #: Pictures that are being drawn or wait for it, by ETag.
-    drawn: dict[str, asyncio.Task[bytes]] = field(default_factory=dict)
-    #: The process that draws; None: pictures are drawn in a thread.
-    artist: Artist | None = None
     #: Expansions in spherical harmonics that were asked for.
     expansions: Expansions = field(default_factory=Expansions)
     #: True once the kernels are compiled and one figure was drawn.
     ready: bool = False
     #: True once the process was told to end: what could go on for ever ends then.
     draining: bool = False
-    #: One process draws, or else matplotlib, whose font cache and lock all figures share: two at once are no faster,
-    #: and must not take the threads that evaluate needs.
-    drawing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
     #: A projection takes all cores, and seconds: those who wait for one must not take the seats of the others.
     projecting: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
     #: Threads that parse, evaluate and encode: many more than there are cores only take the interpreter's lock from

@@ -1,44 +1,30 @@
-"""The data folder: NAME.h5 tables and NAME.json models, looked at anew by every request, loaded when asked for."""
+"""Materials by name and by id: their files looked at anew by every request, loaded when asked for, kept while used."""
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 import hashlib
 import json
 import logging
-import os
 import re
-import stat
 import threading
-import time
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from brdf_service.http.errors import MaterialDamagedError, NotFoundError, describe
-from brdf_service.library.lru import ByteLru
+from brdf_service.library.folder import File, Folder
+from brdf_service.library.lru import keep
+from cachetools import LRUCache
 
 import brdfcore as bc
 
 log = logging.getLogger("brdf.library")
 
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 ID = re.compile(r"[0-9a-f]{64}")
-
-Kind = Literal["table", "model"]
-#: Each kind by its file name's end.
-SUFFIXES: dict[str, Kind] = {".h5": "table", ".json": "model"}
-
-#: Seconds for which a name's file is taken for its only one.
-_SURE_SECONDS = 0.25
 
 #: Materials of a folder that is so small that its list is made in the event loop: some milliseconds at most.
 _FEW = 200
-
-#: What tells one state of a file from another: inode, mtime in ns, size.
-Stamp = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -46,7 +32,7 @@ class Material:
     """A loaded material. `facts` is what lists and metadata say of it; `tag` changes whenever they do."""
 
     name: str
-    path: Path
+    file: File
     brdf: bc.Brdf
     id: str
     nbytes: int
@@ -54,17 +40,20 @@ class Material:
     tag: str
     #: Pieces of answers that are the same for every request, made when first needed.
     parts: dict[Any, Any] = field(default_factory=dict)
-    #: The same for `quick`, by kind of address and unit.
-    fixed: dict[tuple[bool, str], Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Listed:
-    """One line of a list: facts of a usable material, or what is wrong with its file."""
+    """One line of a list, learnt when the file was last read: facts of a usable material, or what is wrong with it."""
 
     name: str
     facts: dict[str, Any]
-    usable: bool
+    file: File | None = None
+    error: Exception | None = field(default=None, compare=False)
+
+    @property
+    def usable(self) -> bool:
+        return self.error is None
 
 
 @dataclass(frozen=True)
@@ -77,29 +66,17 @@ class Page:
     skipped: list[str]
 
 
-@dataclass(frozen=True)
-class _Known:
-    """What was learnt when a file was last read; kept after its table was let go."""
-
-    stamp: Stamp
-    facts: dict[str, Any]
-    id: str | None
-    error: Exception | None
-
-
 class Library:
-    """Materials by name and by id. All methods may be called from several threads; those that may read a file
-    say so, and belong off the event loop."""
+    """All methods may be called from several threads; those that may read a file say so, and belong off the event
+    loop."""
 
     def __init__(self, folder: Path, cache_bytes: int) -> None:
-        self.folder = folder
-        self._prefix = f"{folder}{os.sep}"
+        self.folder = Folder(folder)
         #: Requests whose material was loaded already, and those that had to read its file.
         self.hits = self.misses = 0
-        self._loaded: ByteLru[str, tuple[Stamp, Material]] = ByteLru(cache_bytes)
-        self._known: dict[str, _Known] = {}
+        self._loaded: LRUCache[str, Material] = LRUCache(cache_bytes, getsizeof=lambda material: material.nbytes)
+        self._known: dict[str, Listed] = {}  # also of tables that were let go
         self._names_of: dict[str, str] = {}  # id -> name
-        self._sure: dict[str, tuple[str, float]] = {}  # name -> its one file, and until when that is believed
         self._count: int | None = None  # of all materials, when last listed
         self._lock = threading.Lock()
         # one file is read at a time: two requests for one table must not hold it twice
@@ -108,33 +85,22 @@ class Library:
     @property
     def loaded_bytes(self) -> int:
         """Bytes of the tables held at the moment."""
-        return self._loaded.nbytes
+        return int(self._loaded.currsize)
 
     @property
     def loaded(self) -> int:
         """Number of the materials held at the moment."""
         return len(self._loaded)
 
-    def names(self) -> list[str]:
-        """Names of all materials, sorted."""
-        return sorted({path.stem for path in self._files() if NAME.fullmatch(path.stem)})
-
     def peek(self, name: str) -> Material | None:
         """The material if it is loaded and its file unchanged; reads no file."""
-        sure = self._sure.get(name)
-        now = time.monotonic()
-        # the one call of stat that notices a changed file; whether a second of the name has come is asked less often
-        stamp = _stamp(sure[0]) if sure is not None and now < sure[1] else None
-        if stamp is None:
-            path, _, stamp = self._find(name)
-            self._sure[name] = path, now + _SURE_SECONDS
+        file = self._find(name)
         with self._lock:
             held = self._loaded.get(name)
-            if held is None or held[0] != stamp:
-                self._sure.pop(name, None)
+            if held is None or held.file != file:
                 return None
             self.hits += 1
-        return held[1]
+        return held
 
     def get(self, name: str) -> Material:
         """The material, loaded if need be (reads a file).
@@ -144,10 +110,7 @@ class Library:
         material = self.peek(name)
         if material is None:
             with self._reading:
-                material = self.peek(name)
-                if material is None:
-                    self.misses += 1
-                    material = self._load(name)
+                material = self.peek(name) or self._load(name)
         return material
 
     def peek_id(self, id: str) -> Material | None:
@@ -165,9 +128,9 @@ class Library:
             material = self.peek_id(id)
             if material is not None:
                 return material
-            for name in self.names():
-                known = self._know(name)
-                if known is not None and known.id == id:
+            for name in self.folder.names()[0]:
+                line = self._line(name)
+                if line is not None and line.facts.get("id") == id:
                     material = self.get(name)
                     if material.id == id:
                         return material
@@ -192,65 +155,47 @@ class Library:
         return page
 
     def _page(self, offset: int, limit: int, *, reading: bool) -> Page | None:
-        files = list(self._files())
-        names = sorted({path.stem for path in files if NAME.fullmatch(path.stem)})
-        skipped = sorted(path.name for path in files if not NAME.fullmatch(path.stem))
+        names, skipped = self.folder.names()
         self._count = len(names)
         with self._lock:
             for gone in self._known.keys() - set(names):
                 del self._known[gone]
-                self._loaded.drop(gone)
-            self._names_of = {k: v for k, v in self._names_of.items() if v in self._known}
+                self._loaded.pop(gone, None)
+            self._names_of = {id: name for id, name in self._names_of.items() if name in self._known}
         lines = []
         for name in names[offset : offset + limit]:
-            known = self._know(name, reading=reading)
-            if known is None:
+            line = self._line(name, reading=reading)
+            if line is None:
                 return None
-            lines.append(Listed(name, known.facts, known.error is None))
+            lines.append(line)
         return Page(lines, len(names), skipped)
 
-    def choice_of(self, name: str) -> Path:
-        """The hidden file that says which of two files of one name is meant, while one replaces the other."""
-        return self.folder / f".{name}.choice"
-
-    def _files(self) -> Iterable[Path]:
+    def _line(self, name: str, *, reading: bool = True) -> Listed | None:
+        """What is known of a file, after reading it if it is new or has changed; None if it is, and is not to be
+        read."""
+        file = None
         try:
-            with os.scandir(self.folder) as entries:
-                # a leading dot marks what a writer has not finished yet
-                found = [Path(e.path) for e in entries if not e.name.startswith(".") and e.is_file()]
-        except OSError as error:
-            raise bc.StorageError(
-                "data_folder", f"the data folder cannot be read ({error.strerror})", where="data"
-            ) from error
-        return [path for path in found if path.suffix in SUFFIXES]
+            file = self._find(name)
+            with self._lock:
+                known = self._known.get(name)
+            if known is not None and known.file == file:
+                return known
+            return Listed(name, self.get(name).facts, file) if reading else None
+        except NotFoundError as error:  # deleted a moment ago
+            return Listed(name, {"name": name, "problem": describe(error)}, error=error)
+        except MaterialDamagedError as error:
+            cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
+            return _unusable(name, file, cause)
 
-    def _find(self, name: str) -> tuple[str, Kind, Stamp]:
-        """The one file of a material, by name; `NotFoundError`, or `MaterialDamagedError` if two files claim it."""
-        found: list[tuple[str, Kind, Stamp]] = []
-        if NAME.fullmatch(name):
-            for suffix, kind in SUFFIXES.items():
-                path = f"{self._prefix}{name}{suffix}"  # every request comes here: pathlib would cost more than stat
-                stamp = _stamp(path)
-                if stamp is not None:
-                    found.append((path, kind, stamp))
-        if len(found) == 1:
-            return found[0]
-        if found:
-            with contextlib.suppress(
-                OSError, StopIteration
-            ):  # a change of kind was cut off after the new file was in place
-                chosen = self.choice_of(name).read_text(encoding="ascii")
-                return next(f for f in found if f[0] == f"{self._prefix}{name}{chosen}")
-            raise MaterialDamagedError(
-                "material_ambiguous",
-                f"{name}: both {name}.h5 and {name}.json are in the data folder; remove or rename one",
-                where="name",
-                got=name,
-            )
-        raise self._unknown(name)
+    def _find(self, name: str) -> File:
+        file = self.folder.find(name)
+        if file is None:
+            raise self.unknown(name)
+        return file
 
-    def _unknown(self, name: str) -> NotFoundError:
-        close = difflib.get_close_matches(name[:64], self.names(), n=3, cutoff=0.5)
+    def unknown(self, name: str) -> NotFoundError:
+        """What is said of a name that there is not, with those close to it."""
+        close = difflib.get_close_matches(name[:64], self.folder.names()[0], n=3, cutoff=0.5)
         meant = f"; did you mean {' or '.join(close)}?" if close else "; /v1/materials lists what there is"
         return NotFoundError(
             "unknown_material",
@@ -260,94 +205,54 @@ class Library:
             expected=", ".join(close) if close else "the name of a material",
         )
 
-    def _know(self, name: str, *, reading: bool = True) -> _Known | None:
-        """What is known of a file, after reading it if it is new or has changed; None if it is, and is not to be
-        read."""
-        try:
-            _, kind, stamp = self._find(name)
-        except MaterialDamagedError as error:
-            return _Known((0, 0, 0), {"name": name, "problem": describe(error)}, None, error)
-        except NotFoundError as error:  # deleted a moment ago
-            return _Known((0, 0, 0), {"name": name, "problem": describe(error)}, None, error)
-        with self._lock:
-            known = self._known.get(name)
-        if known is not None and known.stamp == stamp:
-            return known
-        if not reading:
-            return None
-        try:
-            material = self.get(name)
-        except (NotFoundError, MaterialDamagedError) as error:
-            cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
-            return _Known(stamp, {"name": name, "kind": kind, "problem": describe(cause)}, None, cause)
-        return _Known(stamp, material.facts, material.id, None)
-
     def _load(self, name: str) -> Material:
-        place, kind, stamp = self._find(name)
-        path = Path(place)
+        self.misses += 1
+        file = self._find(name)
         with self._lock:
             known = self._known.get(name)
-        if known is not None and known.stamp == stamp and known.error is not None:
+        if known is not None and known.file == file and known.error is not None:
             raise _damaged(name, known.error)  # it was read in this state and will not have healed
         try:
-            material = open_material(name, path, kind)
+            material = open_material(name, file)
         except Exception as raised:
             # whatever a stranger's file does to the reader, the list and the other materials go on
-            if not path.exists():  # deleted a moment ago
-                raise self._unknown(name) from None
-            error = _without_folder(raised, path)
-            known_error = isinstance(error, bc.BrdfError)
-            log.warning("%s cannot be used: %s", path.name, error, exc_info=None if known_error else error)
+            self._find(name)  # it may have been deleted a moment ago
+            error = _without_folder(raised, Path(file.path))
+            traceback = None if isinstance(error, bc.BrdfError) else error
+            log.warning("%s cannot be used: %s", Path(file.path).name, error, exc_info=traceback)
             if not isinstance(error, (OSError, MemoryError)):  # those may be gone at the next try
-                facts = {"name": name, "kind": kind, "problem": describe(error)}
                 error.with_traceback(None)  # it would keep all that the reader had in memory
                 with self._lock:
-                    self._known[name] = _Known(stamp, facts, None, error)
+                    self._known[name] = _unusable(name, file, error)
             raise _damaged(name, error) from error
         with self._lock:
-            if not self._loaded.put(name, (stamp, material), material.nbytes):
-                log.warning(
-                    "%s has %d bytes, more than BRDF_CACHE_BYTES = %d: it is read again for every request",
-                    path.name,
-                    material.nbytes,
-                    self._loaded.limit,
-                )
-            self._known[name] = _Known(stamp, material.facts, material.id, None)
+            kept = keep(self._loaded, name, material)
+            self._known[name] = Listed(name, material.facts, file)
             self._names_of[material.id] = name
+        if not kept:
+            text = "%s has %d bytes, more than BRDF_CACHE_BYTES = %d: it is read again for every request"
+            log.warning(text, Path(file.path).name, material.nbytes, self._loaded.maxsize)
         return material
 
 
-def _stamp(path: str) -> Stamp | None:
-    """State of a file; None if it is none."""
-    try:
-        info = os.stat(path)
-    except OSError:
-        return None
-    # opening a FIFO would wait for ever
-    return (info.st_ino, info.st_mtime_ns, info.st_size) if stat.S_ISREG(info.st_mode) else None
-
-
-def open_material(name: str, path: Path, kind: Kind) -> Material:
+def open_material(name: str, file: File) -> Material:
     """Read a material's file. Raises what the library's readers raise."""
     brdf: bc.Brdf
-    if kind == "table":
-        brdf = table = bc.open_table(path)
+    if file.kind == "table":
+        brdf = table = bc.open_table(Path(file.path))
         id, nbytes = table.id, table.nbytes
     else:
-        brdf = bc.read(path, "model")
-        id, nbytes = _model_id(brdf), 0
-    described = brdf.describe()
-    facts = {"name": name, "kind": kind, "id": id, "nbytes": nbytes, "error": {}, "source": {}, **described}
+        brdf = bc.read(Path(file.path), "model")
+        # all that its answers depend on: model, resolved parameters and package version
+        of = {"model": brdf.metadata["model"], "parameters": brdf.metadata["parameters"], "version": bc.__version__}
+        id, nbytes = _digest(of), 0
+    facts = {"name": name, "kind": file.kind, "id": id, "nbytes": nbytes, "error": {}, "source": {}, **brdf.describe()}
     facts["id"] = id
-    tag = hashlib.sha256(json.dumps(facts, sort_keys=True, default=str).encode()).hexdigest()
-    return Material(name, path, brdf, id, nbytes, facts, tag)
+    return Material(name, file, brdf, id, nbytes, facts, _digest(facts))
 
 
-def _model_id(brdf: bc.Brdf) -> str:
-    """sha256 over model, resolved parameters and package version: all that its answers depend on."""
-    metadata = brdf.metadata
-    named = {"model": metadata["model"], "parameters": metadata["parameters"], "version": bc.__version__}
-    return hashlib.sha256(json.dumps(named, sort_keys=True, default=str).encode()).hexdigest()
+def _digest(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def _without_folder(error: Exception, path: Path) -> Exception:
@@ -357,11 +262,15 @@ def _without_folder(error: Exception, path: Path) -> Exception:
     return error
 
 
+def _unusable(name: str, file: File | None, error: Exception) -> Listed:
+    kind = {} if file is None else {"kind": file.kind}
+    return Listed(name, {"name": name, **kind, "problem": describe(error)}, file, error)
+
+
 def _damaged(name: str, error: Exception) -> MaterialDamagedError:
-    said = describe(error)
     return MaterialDamagedError(
         "material_damaged",
-        f"{name}: its file cannot be used: {said['detail']}",
+        f"{name}: its file cannot be used: {describe(error)['detail']}",
         where="name",
         got=name,
         expected="a material file that can be read",

@@ -17,7 +17,6 @@ from brdf_service.routes.resource import Resource, explained
 from brdf_service.schemas.harmonics import HarmonicsAnswer
 from brdf_service.state import State
 from brdf_service.work.expansions import Degree, check_lmax
-from brdf_service.work.picture_queue import picture
 from pydantic import Field
 
 import brdfcore as bc
@@ -63,10 +62,10 @@ async def _summary(state: State, found: Found, asked: HarmonicsQuery, _: str) ->
 
 def _drawn(format: str) -> Callable[[State, Found, Any, str], Awaitable[bytes]]:
     async def draw(state: State, found: Found, asked: HarmonicsPictureQuery, etag: str) -> bytes:
-        if state.pictures.get(etag) is None:
+        if etag not in state.drawing:
             # not among those who draw: they would wait for a projection
             await run_sync(state.expansions.get, found.material, asked.degree, limiter=state.projecting)
-        return await picture(state, etag, partial(_picture, state, found, asked, format))
+        return await state.drawing.made(etag, partial(_picture, state, found, asked, format))
 
     return draw
 

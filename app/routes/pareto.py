@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
-
 from anyio.to_thread import run_sync
 from brdf_service.http.bodies import read_json_body
-from brdf_service.http.errors import NotFoundError
 from brdf_service.http.json import model_from_json
 from brdf_service.http.openapi import operation
 from brdf_service.http.query import NoQuery, parse_query
 from brdf_service.http.security import check_write
-from brdf_service.library.materials import SUFFIXES
 from brdf_service.library.writing import Condition
 from brdf_service.routes.address import BY_NAME
 from brdf_service.routes.jobs import ACCEPTED, accepted, new_job
 from brdf_service.schemas.work import JobAnswer, ParetoRequest
-from brdf_service.state import State, state_of
-from brdf_service.work.jobs import PICTURE, Job
+from brdf_service.state import state_of
 from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
-
-import brdfcore as bc
 
 _MOST_BYTES = 10_000
 
@@ -54,22 +46,6 @@ async def pareto(request: Request) -> Response:
     asked = model_from_json(body, ParetoRequest, '{"tolerance": 0.01}')
     await run_sync(state.library.get, name)  # says what there is instead
     async with new_job(state, "pareto", name, Condition()) as job:
-        path = await run_sync(_copied, state, job)
-        options = asked.model_dump(exclude_none=True)
-        state.jobs.submit(job, {"material": name, "input": str(path), "picture": PICTURE, "pareto": options})
+        path = await run_sync(state.store.copy, name, job.folder)  # it may be replaced meanwhile
+        state.jobs.submit(job, {"material": name, "input": str(path), "pareto": asked.model_dump(exclude_none=True)})
     return accepted(state, job)
-
-
-def _copied(state: State, job: Job) -> Path:
-    """The material's file as it is now, in the job's folder: it may be replaced meanwhile."""
-    for suffix in SUFFIXES:
-        target = job.folder / f"{job.material}{suffix}"
-        try:
-            shutil.copyfile(state.store.folder / target.name, target)
-        except FileNotFoundError:
-            continue
-        except OSError as error:
-            said = f"the data folder cannot be written ({error.strerror})"
-            raise bc.StorageError("data_folder", said, where="data") from error
-        return target
-    raise NotFoundError("unknown_material", f"{job.material}: was deleted a moment ago", where="name", got=job.material)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from functools import cache, partial
+from functools import cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -17,7 +17,6 @@ from brdf_service.routes.address import Found
 from brdf_service.routes.resource import Resource
 from brdf_service.schemas.analysis import SliceAnswer
 from brdf_service.state import State
-from brdf_service.work.picture_queue import draw_with, picture
 from brdf_service.work.pictures import Picture
 from pydantic import Field
 
@@ -120,7 +119,7 @@ def drawn(
 
     async def draw(state: State, found: Found, asked: Any, etag: str) -> bytes:
         wanted = Picture(kind, found.title, arguments(asked, format))
-        return await picture(state, etag, partial(draw_with, state.artist, found.material, wanted))
+        return await state.drawing.picture(etag, found.material, wanted)
 
     return draw
 

@@ -8,8 +8,7 @@ import time
 import numpy as np
 from brdf_service.http.errors import MaterialDamagedError, NotFoundError
 from brdf_service.library.materials import Library
-from brdf_service.work.drawing import Artist
-from brdf_service.work.picture_queue import draw_with
+from brdf_service.work.drawing import Drawing
 from brdf_service.work.pictures import Picture
 
 import brdfcore as bc
@@ -21,7 +20,7 @@ _COUNTS = (1, 20_000)
 _SLICE = Picture("slice", "", {"theta_i": [0.0], "view": "polar", "scale": "linear", "channel": None, "format": "png"})
 
 
-def warm_up(library: Library, artist: Artist) -> None:
+def warm_up(library: Library, drawing: Drawing) -> None:
     """Evaluate one material of each representation and number of channels, and have one slice drawn of each."""
     begun = time.perf_counter()
     seen: set[tuple[object, ...]] = set()
@@ -40,7 +39,7 @@ def warm_up(library: Library, artist: Artist) -> None:
             for count in _COUNTS:
                 material.brdf.evaluate(np.zeros(count), 0.0, 0.0)
             # the other process starts, looks for fonts and loads the same kernels
-            draw_with(artist, material, _SLICE)
+            drawing.draw(material, _SLICE)
         except (NotFoundError, MaterialDamagedError):  # gone since it was listed
             continue
         except Exception:

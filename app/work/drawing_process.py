@@ -1,71 +1,55 @@
-"""The process that draws: `python -m brdf_service.work.drawing_process`, one picture after the other until stdin ends.
+"""The process that draws: one picture after the other, until the service ends.
 
-A task is a line of JSON on stdin: {"name", "path", "kind", "id"} of the material's file and "picture", the fields of
-`Picture`. The answer, on what was stdout, is a line of JSON: {"bytes": n} and n bytes; {"problem": {...}}, an error of
-the library; {"failed": true}, any other, whose traceback is on stderr; or {"changed": true}: the file does not hold
-that material any more.
+A task names a material (`name`, `id`, `file` as in `folder.File`) and a `picture`, the fields of `Picture`. The answer
+is {"bytes": n} and n bytes; {"problem": {...}}, an error of the library; {"failed": true}, any other, whose traceback
+is on stderr; or {"changed": true}: the file does not hold that material any more.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
-import os
-import signal
-import sys
 import traceback
-from pathlib import Path
 from typing import Any
 
-#: Bytes of tables kept open: those of a page of pictures.
-_TABLE_BYTES = 64 * 2**20
-#: What a material counts for at least: a model has no arrays.
-_LEAST_BYTES = 64 * 2**10
+from brdf_service.work.subprocesses import Parent, told
+
+import brdfcore as bc
+
+#: Bytes of tables kept open, those of a page of pictures; what a material counts for at least: a model has no arrays.
+_TABLE_BYTES, _LEAST_BYTES = 64 * 2**20, 64 * 2**10
 
 
 def main() -> None:
     """Draw what is asked for."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group: the service ends this one itself
-    said = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints must not be taken for an answer
-    with contextlib.suppress(OSError):
-        os.nice(5)  # look-ups go first
-    from brdf_service.library.lru import ByteLru
+    parent = Parent()  # before what takes a second to import, and may print
+    from brdf_service.library.folder import File
+    from brdf_service.library.lru import keep
+    from brdf_service.library.materials import Material, open_material
+    from brdf_service.work.pictures import Picture, draw
+    from cachetools import LRUCache
 
-    held: ByteLru[str, Any] = ByteLru(_TABLE_BYTES)
-    for line in sys.stdin.buffer:
-        head, body = _answered(json.loads(line), held)
-        try:
-            said.write(json.dumps(head, default=str).encode() + b"\n" + body)
-            said.flush()
-        except BrokenPipeError:  # the service is gone
-            return
+    held: LRUCache[str, Material] = LRUCache(_TABLE_BYTES, getsizeof=lambda m: max(m.nbytes, _LEAST_BYTES))
 
-
-def _answered(task: dict[str, Any], held: Any) -> tuple[dict[str, Any], bytes]:
-    from brdf_service.library.materials import open_material
-    from brdf_service.work import pictures
-    from brdf_service.work.subprocesses import told
-
-    import brdfcore as bc
-
-    try:
+    def answer(task: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         material = held.get(task["id"])
         if material is None:
-            try:
-                material = open_material(task["name"], Path(task["path"]), task["kind"])
-            except Exception:
+            with contextlib.suppress(Exception):  # a file that cannot be read has changed as well
+                material = open_material(task["name"], File(*task["file"]))
+            if material is None or material.id != task["id"]:
                 return {"changed": True}, b""
-            if material.id != task["id"]:
-                return {"changed": True}, b""
-            held.put(material.id, material, max(material.nbytes, _LEAST_BYTES))
-        body = pictures.draw(material.brdf, pictures.Picture(*task["picture"]))
-    except bc.BrdfError as error:
-        return {"problem": told(error)}, b""
-    except Exception:
-        traceback.print_exc()
-        return {"failed": True}, b""
-    return {"bytes": len(body)}, body
+            keep(held, material.id, material)
+        try:
+            body = draw(material.brdf, Picture(*task["picture"]))
+        except bc.BrdfError as error:
+            return {"problem": told(error)}, b""
+        except Exception:
+            traceback.print_exc()
+            return {"failed": True}, b""
+        return {"bytes": len(body)}, body
+
+    with contextlib.suppress(BrokenPipeError):  # the service is gone
+        for task in parent.tasks():
+            parent.say(*answer(task))
 
 
 if __name__ == "__main__":

@@ -5,17 +5,18 @@ from __future__ import annotations
 import threading
 from typing import NamedTuple
 
-from brdf_service.library.lru import ByteLru
+from brdf_service.library.lru import keep
 from brdf_service.library.materials import Material
+from cachetools import LRUCache
 
 import brdfcore as bc
 
 #: Bytes of expansions that are kept.
-EXPANSION_BYTES = 128 * 2**20
+KEPT_BYTES = 128 * 2**20
 
 
 class Degree(NamedTuple):
-    """What an expansion is asked for, beside its material."""
+    """What an expansion is asked for, beside its material: the arguments of `brdfcore.project`."""
 
     lmax: int
     target: str = "f_cos_cos"
@@ -26,42 +27,32 @@ class Degree(NamedTuple):
 class Expansions:
     """May be called from several threads; expansions are made one after the other, as each takes all cores."""
 
-    def __init__(self, limit: int = EXPANSION_BYTES) -> None:
-        self._held: ByteLru[tuple[str, Degree], bc.HarmonicExpansion] = ByteLru(limit)
+    def __init__(self) -> None:
+        self._kept: LRUCache[tuple[str, Degree], bc.HarmonicExpansion] = LRUCache(
+            KEPT_BYTES, getsizeof=lambda expansion: expansion.nbytes
+        )
         self._making, self._looking = threading.Lock(), threading.Lock()
 
     def get(self, material: Material, asked: Degree) -> bc.HarmonicExpansion:
         """The expansion; raises what `brdfcore.project` raises."""
         key = (material.id, asked)
         found = self._look(key)
-        if found is not None:
-            return found
-        with self._making:
-            found = self._look(key)  # somebody else's wait may have made it
-            if found is None:
-                found = bc.project(
-                    material.brdf,
-                    asked.lmax,
-                    target=asked.target,
-                    window=asked.window,
-                    symmetrise=asked.symmetrise,
-                )
-                with self._looking:
-                    self._held.put(key, found, found.nbytes)
+        if found is None:
+            with self._making:
+                found = self._look(key)  # somebody else's wait may have made it
+                if found is None:
+                    found = bc.project(material.brdf, **asked._asdict())
+                    with self._looking:
+                        keep(self._kept, key, found)
         return found
 
     def _look(self, key: tuple[str, Degree]) -> bc.HarmonicExpansion | None:
         with self._looking:
-            return self._held.get(key)
+            return self._kept.get(key)
 
 
 def check_lmax(lmax: int, limit: int) -> None:
     """`LimitError` above the service's largest degree: the work grows with its cube."""
     if lmax > limit:
-        raise bc.LimitError(
-            "lmax_too_large",
-            f"lmax = {lmax}; the limit is {limit}; project with the library or the command line for more",
-            where="lmax",
-            got=lmax,
-            limit=limit,
-        )
+        text = f"lmax = {lmax}; the limit is {limit}; project with the library or the command line for more"
+        raise bc.LimitError("lmax_too_large", text, where="lmax", got=lmax, limit=limit)

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import logging
 import os
 import secrets
 import shutil
 import signal
-import socket
-import subprocess
-import sys
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from queue import SimpleQueue
+from typing import IO, Any, Literal
 
 from brdf_service.http.errors import BusyError, NotFoundError, describe, status_of
 from brdf_service.library.writing import Condition, Store
 from brdf_service.settings import Settings
-from brdf_service.work.subprocesses import environment, rebuilt
+from brdf_service.work.subprocesses import Child, rebuilt
 
 import brdfcore as bc
 
@@ -37,17 +34,14 @@ QUEUED = 8
 KEPT_SECONDS = 3600.0
 #: Seconds after which a refused caller may try again.
 _RETRY = 10
-_FOLDER = ".job-"
-#: Name of a report's picture in the folder of its job.
-PICTURE = "picture.png"
-_LONGEST_LINE = 65_536
 #: Wall-clock time a job may take, for each second of processor time it may.
 _PATIENCE = 2
 
 
 @dataclass
 class Job:
-    """One upload, tabulation or report. `version` counts its changes; `picture` is a report's, PNG."""
+    """One upload, tabulation or report. `version` counts its changes; `picture` is a report's, PNG; `folder` takes its
+    files, of which its own begin with a dot, as no name of a material does."""
 
     id: str
     kind: JobKind
@@ -58,16 +52,23 @@ class Job:
     state: JobState = "receiving"
     progress: tuple[int, int, str] = (0, 1, "waiting")
     created: float = field(default_factory=time.time)
+    queued: float = 0.0
     finished: float | None = None
     problem: dict[str, Any] | None = None
     made: dict[str, Any] | None = None
     picture: bytes | None = None
     version: int = 0
-    process: subprocess.Popen[bytes] | None = None
+    child: Child | None = None
 
     @property
     def ended(self) -> bool:
         return self.state in ("done", "failed", "cancelled")
+
+    def change(self, **changes: Any) -> None:
+        """New values of some fields."""
+        for name, value in changes.items():
+            setattr(self, name, value)
+        self.version += 1
 
     def to_json(self, ahead: int) -> dict[str, Any]:
         """What is told of it; `ahead`: jobs before it in the queue."""
@@ -96,11 +97,10 @@ class Jobs:
     """All jobs of this process. Methods may be called from several threads, and none of them waits for work."""
 
     def __init__(self, settings: Settings, store: Store) -> None:
-        self.settings = settings
-        self.store = store
+        self.settings, self.store = settings, store
         self._jobs: dict[str, Job] = {}
-        self._queue: deque[Job] = deque()
-        self._changed = threading.Condition()
+        self._queue: SimpleQueue[Job | None] = SimpleQueue()
+        self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._stopping = False
 
@@ -110,55 +110,45 @@ class Jobs:
         Raises `BusyError` if there is no place (makes a folder).
         """
         id = secrets.token_hex(16)
-        with self._changed:
+        folder = self.store.folder.new_scratch(id)
+        with self._lock:
             self._forget()
             waiting = sum(not job.ended and job.state != "running" for job in self._jobs.values())
-            if waiting >= QUEUED or self._stopping:
-                raise BusyError(
-                    "queue_full",
-                    f"{waiting} jobs wait already; the limit is {QUEUED}; try again later",
-                    got=waiting,
-                    limit=QUEUED,
-                    retry_after=_RETRY,
-                )
-            folder = self.store.folder / f"{_FOLDER}{_host()}-{os.getpid()}-{id}"
-            job = self._jobs[id] = Job(id, kind, material, condition, folder)
-        try:
-            folder.mkdir()
-        except OSError as error:
-            self.drop(job)
-            raise bc.StorageError(
-                "data_folder", f"the data folder cannot be written ({error.strerror})", where="data"
-            ) from error
-        return job
+            if waiting < QUEUED and not self._stopping:
+                job = self._jobs[id] = Job(id, kind, material, condition, folder)
+                return job
+        shutil.rmtree(folder, ignore_errors=True)
+        text = f"{waiting} jobs wait already; the limit is {QUEUED}; try again later"
+        raise BusyError("queue_full", text, got=waiting, limit=QUEUED, retry_after=_RETRY)
 
     def submit(self, job: Job, task: dict[str, Any]) -> None:
         """Queue a job that `start` made."""
         job.task = {
-            "result": str(job.folder / "result"),
+            "result": str(job.folder / ".result"),
+            "picture": str(job.folder / ".picture"),
             "memory": self.settings.job_memory_bytes,
             "seconds": self.settings.job_seconds,
             "max_bytes": self.settings.max_table_bytes,
             **task,
         }
-        with self._changed:
+        with self._lock:
             if job.ended:  # cancelled while it was received
                 return
-            self._set(job, state="queued")
-            self._queue.append(job)
+            job.change(state="queued", queued=time.monotonic())
+            self._queue.put(job)
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, name="jobs", daemon=True)
                 self._thread.start()
 
     def drop(self, job: Job) -> None:
         """Forget a job that was never submitted."""
-        with self._changed:
+        with self._lock:
             self._jobs.pop(job.id, None)
         shutil.rmtree(job.folder, ignore_errors=True)
 
     def get(self, id: str) -> Job:
         """The job. Raises `NotFoundError` if it is not known (any more)."""
-        with self._changed:
+        with self._lock:
             self._forget()
             job = self._jobs.get(id)
         if job is None:
@@ -173,35 +163,34 @@ class Jobs:
         return job
 
     def ahead(self, job: Job) -> int:
-        """Jobs that come before it."""
-        with self._changed:
-            return self._queue.index(job) + 1 if job in self._queue else 0
+        """Its place in the queue, from 1; 0 once it runs."""
+        with self._lock:
+            queued = [other for other in self._jobs.values() if other.state == "queued"]
+            return sum(other.queued <= job.queued for other in queued) if job.state == "queued" else 0
 
     def cancel(self, job: Job) -> None:
         """End a job; one that has ended stays as it is."""
-        with self._changed:
+        with self._lock:
             if job.ended:
                 return
-            if job in self._queue:
-                self._queue.remove(job)
-            self._set(job, state="cancelled", finished=time.time())
-            process = job.process
-        if process is not None:
-            process.kill()
+            job.change(state="cancelled", finished=time.time())
+            child = job.child
+        if child is not None:
+            child.kill()
         else:
             shutil.rmtree(job.folder, ignore_errors=True)
 
     def counts(self) -> Counter[str]:
         """Number of jobs by state."""
-        with self._changed:
+        with self._lock:
             return Counter(job.state for job in self._jobs.values())
 
     def stop(self) -> None:
         """End all of them: the service ends."""
-        with self._changed:
+        with self._lock:
             self._stopping = True
             jobs, thread = list(self._jobs.values()), self._thread
-            self._changed.notify_all()
+        self._queue.put(None)
         for job in jobs:
             self.cancel(job)
         if thread is not None:
@@ -209,114 +198,81 @@ class Jobs:
 
     def clean(self) -> None:
         """Remove what jobs of this machine left behind when their service was killed."""
-        for folder in self.store.folder.glob(f"{_FOLDER}{_host()}-*"):
-            number = folder.name.removeprefix(f"{_FOLDER}{_host()}-").partition("-")[0]
-            if number.isdigit() and (int(number) == os.getpid() or not _alive(int(number))):
-                shutil.rmtree(folder, ignore_errors=True)
-
-    # ---- the thread that runs them --------------------------------------------------------------------
-
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                while not self._queue and not self._stopping:
-                    self._changed.wait()
-                if self._stopping:
-                    return
-                job = self._queue.popleft()
-                self._set(job, state="running", progress=(0, 1, "starting"))
-            try:
-                end = self._do(job)
-            except Exception as error:
-                if not isinstance(error, bc.BrdfError):
-                    log.exception("job %s failed", job.id)
-                end = _failed(job, error)
-            shutil.rmtree(job.folder, ignore_errors=True)
-            with self._changed:
-                if not job.ended:
-                    self._set(job, finished=time.time(), **end)
-
-    def _do(self, job: Job) -> dict[str, Any]:
-        """Do a job; the fields that its success changes."""
-        with (job.folder / "stderr").open("wb") as errors:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "brdf_service.work.job_process"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                env=environment(),
-            )
-        with process:
-            with self._changed:
-                job.process = process
-                if job.ended:  # cancelled in between
-                    process.kill()
-            watch = threading.Timer(self.settings.job_seconds * _PATIENCE, process.kill)
-            watch.daemon = True
-            watch.start()
-            try:
-                said = self._listen(job, process)
-            finally:
-                watch.cancel()
-                process.kill()
-        job.process = None
-        if job.ended:
-            return {}
-        if "problem" in said:
-            raise rebuilt(said["problem"])
-        if "made" not in said:
-            raise self._died(job, process.returncode)
-        if job.kind == "pareto":
-            answer = json.loads((job.folder / "result").read_bytes())
-            picture = (job.folder / PICTURE).read_bytes()
-            return {"state": "done", "made": answer, "picture": picture, "progress": (1, 1, "done")}
-        self.store.place(job.material, job.folder / "result", said["made"], job.condition)
-        material = self.store.library.get(job.material)
-        made = {"id": material.id, "nbytes": material.nbytes, "error": material.facts["error"]}
-        return {"state": "done", "made": made, "progress": (1, 1, "done")}
-
-    def _listen(self, job: Job, process: subprocess.Popen[bytes]) -> dict[str, Any]:
-        """Send the task and follow what the process says; its last word."""
-        assert process.stdin is not None
-        assert process.stdout is not None
-        with contextlib.suppress(OSError), process.stdin as pipe:  # it may have died already
-            pipe.write(json.dumps(job.task).encode())
-        said: dict[str, Any] = {}
-        while line := process.stdout.readline(_LONGEST_LINE):
-            try:
-                said = json.loads(line)
-            except ValueError:
-                said = {}
-            if "progress" in said:
-                done, total, stage = said["progress"]
-                with self._changed:
-                    self._set(job, progress=(int(done), int(total), str(stage)[:200]))
-        process.wait()
-        return said
-
-    def _died(self, job: Job, code: int) -> bc.BrdfError:
-        with contextlib.suppress(OSError):
-            tail = (job.folder / "stderr").read_bytes()[-2000:].decode(errors="replace")
-            log.warning("the process of job %s ended with %d: %s", job.id, code, tail)
-        seconds = self.settings.job_seconds
-        if -code in (getattr(signal, "SIGXCPU", 0), signal.SIGKILL):
-            return bc.LimitError("job_seconds", f"it took more than {seconds} seconds", limit=seconds)
-        if -code == getattr(signal, "SIGXFSZ", 0):
-            return bc.LimitError("table_too_large", "the table is larger than a request may make")
-        return bc.FileFormatError(
-            "job_crashed", "the process that read it ended before it was done: the file is damaged, or too large for it"
-        )
-
-    def _set(self, job: Job, **changes: Any) -> None:
-        for name, value in changes.items():
-            setattr(job, name, value)
-        job.version += 1
-        self._changed.notify_all()
+        self.store.folder.clean()
 
     def _forget(self) -> None:
         old = time.time() - KEPT_SECONDS
         for id in [id for id, job in self._jobs.items() if job.finished is not None and job.finished < old]:
             del self._jobs[id]
+
+    # ---- the thread that runs them --------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while (job := self._queue.get()) is not None:
+            with self._lock:
+                if job.ended:  # cancelled while it waited
+                    continue
+                job.change(state="running", progress=(0, 1, "starting"))
+            try:
+                with (job.folder / ".stderr").open("w+b") as errors:
+                    end = self._do(job, errors)
+            except Exception as error:
+                if not isinstance(error, bc.BrdfError):
+                    log.exception("job %s failed", job.id)
+                end = _failed(job, error)
+            shutil.rmtree(job.folder, ignore_errors=True)
+            with self._lock:
+                if not job.ended:
+                    job.change(finished=time.time(), **end)
+
+    def _do(self, job: Job, errors: IO[bytes]) -> dict[str, Any]:
+        """Do a job; the fields that its success changes."""
+        said: dict[str, Any] = {}
+        seconds = self.settings.job_seconds * _PATIENCE
+        with Child("job_process", errors=errors) as child, child.within(seconds):
+            with self._lock:
+                job.child = child
+                if job.ended:  # cancelled in between
+                    child.kill()
+            child.send(job.task)
+            while (line := child.hear()) is not None:
+                said = line
+                if "progress" in said:
+                    done, total, stage = said["progress"]
+                    with self._lock:
+                        job.change(progress=(int(done), int(total), str(stage)[:200]))
+            child.process.wait()
+        job.child = None
+        if job.ended:
+            return {}
+        if "problem" in said:
+            raise rebuilt(said["problem"])
+        if "made" not in said:
+            raise self._died(job, child, errors)
+        if job.kind == "pareto":
+            told, picture = (Path(job.task[key]).read_bytes() for key in ("result", "picture"))
+            return {"state": "done", "made": json.loads(told), "picture": picture, "progress": (1, 1, "done")}
+        self.store.place(job.material, Path(job.task["result"]), said["made"], job.condition)
+        material = self.store.library.get(job.material)
+        made = {"id": material.id, "nbytes": material.nbytes, "error": material.facts["error"]}
+        return {"state": "done", "made": made, "progress": (1, 1, "done")}
+
+    def _died(self, job: Job, child: Child, errors: IO[bytes]) -> bc.BrdfError:
+        """Why there is no result: the process was ended, or ended itself."""
+        code = child.process.returncode
+        errors.seek(max(0, errors.seek(0, os.SEEK_END) - 2000))
+        log.warning("the process of job %s ended with %d: %s", job.id, code, errors.read().decode(errors="replace"))
+        seconds = self.settings.job_seconds
+        if child.late or -code == getattr(signal, "SIGXCPU", 0):
+            return bc.LimitError("job_seconds", f"it took more than {seconds} seconds", limit=seconds)
+        if -code == signal.SIGKILL:
+            text = "its process was ended from outside, as happens where memory runs out; try again later"
+            return BusyError("job_killed", text, retry_after=_RETRY)
+        if -code == getattr(signal, "SIGXFSZ", 0):
+            return bc.LimitError("table_too_large", "the table is larger than a request may make")
+        return bc.FileFormatError(
+            "job_crashed", "the process that read it ended before it was done: the file is damaged, or too large for it"
+        )
 
 
 def _failed(job: Job, error: Exception) -> dict[str, Any]:
@@ -330,17 +286,3 @@ def _failed(job: Job, error: Exception) -> dict[str, Any]:
 
 def _time(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
-
-
-def _host() -> str:
-    return "".join(c for c in socket.gethostname() if c.isalnum())[:32] or "host"
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True

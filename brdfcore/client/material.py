@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base import conventions
-from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray, Outside
 from brdfcore.base.errors import BrdfError
 from brdfcore.base.status import Status

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,11 +27,21 @@ class Answer(NamedTuple):
 class Running:
     """A service on a free port."""
 
-    def __init__(self, data: Path, *arguments: str, **environment: str) -> None:
+    def __init__(
+        self,
+        data: Path,
+        *arguments: str,
+        program: Sequence[str] = (sys.executable, "-m", "brdfcore.cli"),
+        folder: Path | None = None,
+        **environment: str,
+    ) -> None:
+        """`program` is brdf, started in `folder`."""
         kept = {k: v for k, v in os.environ.items() if not k.startswith("BRDF_")}
-        command = [sys.executable, "-m", "brdfcore.cli", "serve", "--port", "0", "--data", str(data), *arguments]
+        command = [*program, "serve", "--port", "0", "--data", str(data), *arguments]
         pipe = subprocess.PIPE
-        self.process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env={**kept, **environment})
+        self.process = subprocess.Popen(
+            command, stdout=pipe, stderr=pipe, text=True, cwd=folder, env={**kept, **environment}
+        )
         assert self.process.stdout is not None
         assert self.process.stderr is not None
         lines: queue.Queue[str] = queue.Queue()

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import subprocess
 import sys
 import time
 import tomllib
+import venv
 from pathlib import Path
+
+import pytest
 
 from tests.app.running import Running
 
@@ -53,44 +55,90 @@ def test_what_is_copied_is_all_that_is_built_from() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     for name in (project["project"]["readme"], *project["project"]["license-files"], "pyproject.toml"):
         assert name in copied
-    for pattern in project["tool"]["setuptools"]["packages"]["find"]["include"]:
-        assert pattern.rstrip("*") in copied
+    setup = project["tool"]["setuptools"]
+    for package in setup["packages"]:
+        assert setup["package-dir"].get(package, package).partition(".")[0] in (*copied, "brdf_service")
+    assert set(setup["package-dir"].values()) <= set(copied)
     (install,) = [line for line in of("RUN") if "pip install" in line]
     extras = re.findall(r"\[(\w+)\]", install)
     assert extras
     assert set(extras) <= set(project["project"]["optional-dependencies"])
 
 
-def test_installed_from_what_is_copied(tmp_path: Path) -> None:
-    """Its COPY and install steps as far as they go without the network: packages and package data, nothing else."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    copied = [part for line in of("COPY") for part in line.split()[:-1]]
-    data = [
-        str(path) for name, globs in project["package-data"].items() for g in globs for path in (ROOT / name).glob(g)
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment with the wheel that its COPY and install steps make, beside the dependencies of this one."""
+    place = tmp_path_factory.mktemp("image")
+    source, environment = place / "source", place / "environment"
+    source.mkdir()
+    for name in (part for line in of("COPY") for part in line.split()[:-1]):
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(ROOT / name, source)
+    venv.create(environment, with_pip=False, symlinks=True)
+    (site,) = environment.glob("lib/python*/site-packages")
+    # paths alone: how an editable install of the checkout finds it is not among them
+    (site / "dependencies.pth").write_text("\n".join(p for p in sys.path if Path(p).name.endswith("-packages")))
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
+    make = ["wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(place), str(source)]
+    subprocess.run([*pip, *make], check=True)
+    (wheel,) = place.glob("*.whl")
+    install = [
+        "--python",
+        str(environment / "bin" / "python"),
+        "install",
+        "--no-deps",
+        "--ignore-installed",
+        str(wheel),
     ]
-    for name in (n for n in copied if (ROOT / n).is_dir()):
-        for path in (ROOT / name).rglob("*"):
-            if path.suffix == ".py" or str(path) in data:
-                place = tmp_path / "installed" / path.relative_to(ROOT)
-                place.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy(path, place)
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "installed")}
+    subprocess.run([*pip, *install], check=True)
+    return environment
+
+
+def test_installed_from_what_is_copied(installed: Path, tmp_path: Path) -> None:
+    """Packages and package data, and the service over them."""
     program = "import brdf_service.main as m; c = m.create_app(warm=False); c.openapi(); print(m.__file__)"
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip().startswith(str(tmp_path / "installed"))
-    for page in (ROOT / "app" / "web").iterdir():
-        assert (tmp_path / "installed" / "brdf_service" / "web" / page.name).exists()
-    worker = subprocess.run(
-        [sys.executable, "-m", "brdf_service.work.job_process"],
-        cwd=tmp_path,
-        env=environment,
-        input=b"",
-        capture_output=True,
-        check=False,
-    )
-    assert b"JSONDecodeError" in worker.stderr  # it is there, and was given no task
+    python = str(installed / "bin" / "python")
+    done = subprocess.run([python, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    main = Path(done.stdout.strip())
+    assert main.is_relative_to(installed)
+    pages = {page.name for page in (ROOT / "app" / "web").iterdir()}
+    assert {page.name for page in (main.parent / "web").iterdir()} == pages
+    assert not (main.parents[1] / "tests").exists()
+
+
+def test_files_of_a_stranger_where_it_is_started(installed: Path, tmp_path: Path) -> None:
+    """`brdf serve` and its child processes import nothing from the current folder: pictures are drawn, jobs done."""
+    for name in ("app/__init__.py", "brdf_service.py", "brdfcore.py", "numpy.py", "starlette.py", "json.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(f"raise SystemExit('a stranger is imported: {name}')")
+    (tmp_path / "brdf-data").mkdir()
+    (tmp_path / "brdf-data" / "white.json").write_text('{"model": "lambert"}')
+    brdf = (str(installed / "bin" / "brdf"),)
+    service = Running(Path("brdf-data"), "--no-starter", program=brdf, folder=tmp_path, PYTHONPATH="")
+    try:
+        for _ in range(600):
+            if service.ask("/health/ready").status == 200:
+                break
+            time.sleep(0.1)
+        picture = service.ask("/v1/materials/white/slice.svg?theta_i=31", timeout=90)
+        assert (picture.status, picture.body[:5]) == (200, b"<?xml")
+        model = b'{"model": "lambert", "parameters": {"reflectance": 0.5}}'
+        job = service.ask("/v1/materials/grey/upload", "POST", model, Content_Type="application/octet-stream")
+        assert job.status == 202
+        for _ in range(600):
+            told = json.loads(service.ask(job.headers["location"]).body)
+            if told["state"] in ("done", "failed"):
+                break
+            time.sleep(0.1)
+        assert (told["state"], told["problem"]) == ("done", None)
+        assert service.ask("/v1/materials/grey").status == 200
+    finally:
+        code, errors = service.stop()
+    assert code == 0
+    assert "stranger" not in errors
+    assert "rror" not in errors
 
 
 def test_started_as_it_says(tmp_path: Path) -> None:

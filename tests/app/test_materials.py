@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 from brdf_service.http.errors import MaterialDamagedError, NotFoundError
-from brdf_service.library.lru import ByteLru
+from brdf_service.library.lru import keep
 from brdf_service.library.materials import Library
 from brdf_service.schemas.materials import MaterialLine, MaterialList
+from cachetools import LRUCache
 from starlette.testclient import TestClient
 
 import brdfcore as bc
@@ -194,17 +195,17 @@ def test_table_larger_than_the_cache_is_served(serve: Serve) -> None:
     assert client.app.state.brdf.library.loaded_bytes == 0  # type: ignore[attr-defined]
 
 
-def test_byte_lru() -> None:
-    lru: ByteLru[str, int] = ByteLru(10)
-    assert lru.put("a", 1, 4)
-    assert lru.put("b", 2, 4)
-    assert lru.get("a") == 1
-    assert lru.put("c", 3, 4)  # b is the least recently used
-    assert ("a" in lru, "b" in lru, "c" in lru, lru.nbytes) == (True, False, True, 8)
-    assert not lru.put("a", 9, 11)
-    assert ("a" in lru, lru.nbytes, len(lru)) == (False, 4, 1)
-    assert lru.put("c", 4, 1)
-    assert lru.nbytes == 1
+def test_what_is_kept_is_bounded_by_bytes() -> None:
+    cache: LRUCache[str, bytes] = LRUCache(10, getsizeof=len)
+    assert keep(cache, "a", b"....")
+    assert keep(cache, "b", b"....")
+    assert cache.get("a") == b"...."
+    assert keep(cache, "c", b"....")  # b is the least recently used
+    assert (set(cache), cache.currsize) == ({"a", "c"}, 8)
+    assert not keep(cache, "a", b"." * 11)
+    assert (set(cache), cache.currsize) == ({"c"}, 4)
+    assert keep(cache, "c", b".")
+    assert cache.currsize == 1
 
 
 def test_a_list_in_passing(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:

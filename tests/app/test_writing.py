@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -299,6 +301,20 @@ def test_jobs_wait_are_refused_and_cancelled(serve: Serve, data: Path, monkeypat
     time.sleep(0.01)
     assert_problem(client.get(first.headers["location"]), 404, "job_lost")
     assert jobs.counts()["cancelled"] == 0
+
+
+def test_a_process_that_is_killed(client: TestClient) -> None:
+    jobs = client.app.state.brdf.jobs  # type: ignore[attr-defined]
+    slow = {"model": "cook_torrance", "parameters": {"roughness": 0.1}, "tabulate": {"shape": [120, 120, 240]}}
+    answer = client.put("/v1/materials/slow", json=slow)
+    job = jobs.get(answer.json()["id"])
+    until = time.monotonic() + 20
+    while job.child is None and time.monotonic() < until:
+        time.sleep(0.02)
+    os.kill(job.child.process.pid, signal.SIGKILL)
+    assert ended(client, answer)["problem"]["code"] == "job_killed"
+    again = client.put("/v1/materials/small", json={**WHITE, "tabulate": {"shape": [3, 3, 3]}})
+    assert ended(client, again)["state"] == "done"
 
 
 def test_unknown_jobs(shared_client: TestClient) -> None:
