@@ -177,7 +177,7 @@ Numbers = Annotated[npt.NDArray[np.float64], PlainValidator(_numbers), WithJsonS
 JsonObject = Annotated[dict[str, Any], BeforeValidator(_object), WithJsonSchema({"type": "string"})]
 WholeNumber = Annotated[int, BeforeValidator(_whole)]
 Flag = Annotated[bool, BeforeValidator(_flag), WithJsonSchema({"type": "string", "enum": ["true", "false"]})]
-Unit = Literal["deg", "rad"]
+Unit = bc.names.AngleUnit
 Outside = Literal["raise", "nan", "clip"]
 
 ANGLES: Any = Field("deg", description="unit of every angle, in the request and in the answer")

@@ -26,7 +26,7 @@ try:
 except ImportError:  # not POSIX: one process a data folder then
     fcntl = None  # type: ignore[assignment]
 
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+NAME = re.compile(bc.names.MATERIAL_NAME)
 
 Kind = Literal["table", "model"]
 #: Each kind by its file name's end.

@@ -11,6 +11,8 @@ from brdf_service.library.materials import Material
 from brdf_service.state import State
 from starlette.requests import Request
 
+import brdfcore as bc
+
 
 class Found(NamedTuple):
     """A material as one request named it."""
@@ -66,7 +68,7 @@ BY_NAME = Address(
     "materials",
     "name",
     by_name,
-    "^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
+    f"^{bc.names.MATERIAL_NAME}$",
     "name of the material: its file's name without .h5 or .json",
 )
 BY_ID = Address(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from anyio.to_thread import run_sync
@@ -26,13 +26,11 @@ class HarmonicsQuery(Query):
     """An expansion."""
 
     lmax: WholeNumber = Field(32, ge=1, le=10**6, description="largest degree of the expansion")
-    target: Literal["f_cos_cos", "f", "f_cos_o"] = Field(
+    target: bc.names.Target = Field(
         "f_cos_cos",
         description="what is expanded: f_r times the cosines of both directions, f_r, or f_r times that of the viewer",
     )
-    window: Literal["none", "lanczos", "hann", "lanczos2"] = Field(
-        "none", description="factors of the coefficients against ringing"
-    )
+    window: bc.names.Window = Field("none", description="factors of the coefficients against ringing")
     symmetrise: Flag = Field(False, description="true: only the reciprocal part of a source that is not reciprocal")
 
     @property

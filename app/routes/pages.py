@@ -16,7 +16,6 @@ from brdf_service.http.query import NoQuery, Query, WholeNumber, parse_query
 from brdf_service.http.security import NO_REFERRER, PAGE_POLICY
 from brdf_service.routes.address import by_name
 from brdf_service.routes.materials import RESOURCES, page_of
-from brdf_service.routes.pictures import Scale, View
 from brdf_service.state import state_of
 from fastapi import APIRouter
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -52,8 +51,8 @@ class MaterialPageQuery(Query):
     """The picture on a material's page; what is typed into the form goes to its address, which says what is wrong."""
 
     theta_i: str = Field("0,30,60", max_length=200, description="angles of the light, degrees")
-    view: View = Field("polar", description="view")
-    scale: Scale = Field("log", description="scale")
+    view: bc.names.View = Field("polar", description="view")
+    scale: bc.names.Scale = Field("log", description="scale")
     channel: str = Field("", description="channel")
 
 

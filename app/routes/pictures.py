@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from functools import cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from anyio.to_thread import run_sync
@@ -27,8 +27,6 @@ SVG, PNG, CSV = "image/svg+xml", "image/png", "text/csv; charset=utf-8"
 #: lock at each of its many small steps, a second in all when the service is busy.
 _INLINE_LISTED = 2500
 
-View = Literal["polar", "hemisphere"]
-Scale = Literal["linear", "log"]
 Channel = Annotated[str | None, Field(min_length=1, max_length=40)]
 
 
@@ -36,7 +34,7 @@ class ListedSliceQuery(Query):
     """A slice as numbers."""
 
     theta_i: Numbers = numbers("polar angle(s) of the light; exactly one for the hemisphere", example="30,60")
-    view: View = Field(
+    view: bc.names.View = Field(
         "polar",
         description="polar: the plane of incidence, theta_o positive on the mirror side; hemisphere: all directions of "
         "the viewer",
@@ -52,13 +50,13 @@ class ListedSliceQuery(Query):
 class SliceQuery(ListedSliceQuery):
     """A slice as a picture."""
 
-    scale: Scale = Field("linear", description="scale of the values; pictures only")
+    scale: bc.names.Scale = Field("linear", description="scale of the values; pictures only")
 
 
 class SphereQuery(Query):
     """A lit sphere."""
 
-    light: Literal["studio", "sky"] = Field(
+    light: bc.names.Lighting = Field(
         "studio", description="studio: soft boxes in a room; sky: an overcast sky over dark ground"
     )
     size: WholeNumber = Field(460, ge=128, le=1024, description="width of the picture in pixels")
@@ -125,7 +123,7 @@ def drawn(
 
 
 @cache
-def _directions(view: View) -> int:
+def _directions(view: bc.names.View) -> int:
     """Directions of the viewer in one slice; the library picks as many for every material and angle."""
     return int(bc.slice(bc.model("lambert"), 0.5, view=view).values.size)
 

@@ -7,6 +7,8 @@ from typing import Any, Literal
 from brdf_service.schemas.base import Strict, Unit
 from pydantic import BaseModel, Field
 
+import brdfcore as bc
+
 Verdict = Literal["pass", "note", "fail"]
 
 
@@ -121,7 +123,7 @@ class GlossAnswer(Strict):
 class SliceAnswer(BaseModel):
     """f_r over a slice; what each array's axes are depends on the view."""
 
-    view: Literal["polar", "hemisphere"]
+    view: bc.names.View
     angles: Unit
     unit: Literal["1/sr"]
     channels: list[str | float]

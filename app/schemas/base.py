@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Unit = Literal["deg", "rad"]
+import brdfcore as bc
+
+Unit = bc.names.AngleUnit
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 

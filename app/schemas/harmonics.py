@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 from brdf_service.schemas.base import Strict, Vector
 from pydantic import BaseModel, Field
+
+import brdfcore as bc
 
 
 class Norms(BaseModel):
@@ -26,7 +28,7 @@ class HarmonicsAnswer(BaseModel):
     """An expansion in spherical harmonics of both directions."""
 
     lmax: int
-    target: Literal["f_cos_cos", "f", "f_cos_o"]
+    target: bc.names.Target
     window: dict[str, Any] = Field(description="its name, and what it does to a step: undershoot and l2")
     coefficients: int = Field(description="a channel, symmetric ones once")
     bytes: int

@@ -10,16 +10,6 @@ from pydantic import AfterValidator, Field, WithJsonSchema
 
 import brdfcore as bc
 
-#: What the representations offer, each once.
-_INTERPOLATIONS = dict.fromkeys(
-    choice
-    for parameters in bc.representations().values()
-    for parameter in parameters
-    if parameter.name == "interpolation"
-    for choice in parameter.choices
-)
-
-
 #: pi/2 in float32, which `tabulate` takes for the horizon.
 _HORIZON = float(np.float32(np.pi / 2))
 
@@ -55,12 +45,8 @@ class TabulateOptions(Strict):
     shape: list[Annotated[int, Field(ge=2, le=2**31)]] | None = Field(
         None, min_length=1, max_length=8, description="nodes per axis, both ends included"
     )
-    interpolation: str = Field(
-        "linear",
-        max_length=64,
-        pattern=f"^(?:{'|'.join(_INTERPOLATIONS)})$",
-        description="between the nodes, if the representation offers it",
-        json_schema_extra={"enum": list(_INTERPOLATIONS)},
+    interpolation: bc.names.Interpolation = Field(
+        "linear", description="between the nodes, if the representation offers it"
     )
     negatives: Literal["keep", "zero"] = Field("keep", description="negative values of the source")
     fold: list[Literal["bilateral", "reciprocal"]] | None = Field(
