@@ -37,12 +37,8 @@ class Settings(BaseModel):
     max_json_bytes: int = Field(
         2 * MB, ge=1, description="most bytes of a JSON body of angles or vectors; plain numbers take max_body_bytes"
     )
-    head_seconds: float = Field(
-        20, gt=0, description="seconds in which the line and headers of a request must have arrived"
-    )
-    send_seconds: float = Field(
-        60, gt=0, description="seconds after which a client that takes nothing of its answer is cut off"
-    )
+    head_seconds: float = Field(20, gt=0, description="seconds in which a request's line and headers must have arrived")
+    send_seconds: float = Field(60, gt=0, description="seconds after which a client that takes nothing is cut off")
     body_seconds: float = Field(60, gt=0, description="seconds in which a request body must have arrived")
     max_upload_bytes: int = Field(256 * MB, ge=1, description="most bytes of an uploaded file, counted as received")
     upload_seconds: float = Field(600, gt=0, description="seconds in which an upload must have arrived")
@@ -68,37 +64,41 @@ class Settings(BaseModel):
         return tuple(h.strip().lower() for h in value.split(",") if h.strip()) if isinstance(value, str) else value
 
     @classmethod
-    def load(cls, environment: Mapping[str, str] | None = None, **flags: Any) -> Settings:
+    def load(cls, environment: Mapping[str, str] = os.environ, **flags: Any) -> Settings:
         """Settings from flags (None = not given), then BRDF_* variables, then defaults.
 
         Raises `InputError` that names the flag or the variable, what it holds and what it may hold.
         """
-        environment = os.environ if environment is None else environment
-        given = {k: v for k, v in flags.items() if v is not None}
-        for name in cls.model_fields:
-            variable = variable_of(name)
-            # an empty variable counts as unset: that is how compose files and CI switch one off
-            if name not in given and environment.get(variable):
-                given[name] = environment[variable]
+        # an empty variable counts as unset: that is how compose files and CI switch one off
+        set_there = {name: value for name in cls.model_fields if (value := environment.get(variable_of(name)))}
+        given = {name: value for name, value in flags.items() if value is not None}
         try:
-            return cls(**given)
+            return cls(**{**set_there, **given})
         except ValidationError as error:
-            raise _explain(error, flags) from error
+            first = error.errors(include_url=False)[0]
+            name, expected = str(first["loc"][0]), first["msg"]
+            where = f"--{name.replace('_', '-')}" if name in given else variable_of(name)
+            got = "(secret)" if name == "api_key" else str(first["input"])[:80]
+            said = f"{where} = {got!r}: {expected}"
+            raise bc.InputError("bad_setting", said, where=where, got=got, expected=expected) from error
 
     @property
     def loopback(self) -> bool:
         """True if only this machine can reach the service."""
-        if self.host.lower() == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host.strip("[]")).is_loopback
-        except ValueError:
-            return False
+        return is_loopback(self.host.lower().strip("[]"))
 
     @property
     def writable(self) -> bool:
         """True if materials can be stored and deleted at all: on loopback, or with a key."""
         return self.loopback or self.api_key is not None
+
+
+def is_loopback(name: str) -> bool:
+    """True for localhost and the addresses by which a machine reaches itself."""
+    try:
+        return name == "localhost" or ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
 
 
 def variable_of(name: str) -> str:
@@ -116,18 +116,7 @@ def setting_lines() -> list[tuple[str, str, str]]:
 
 def _shown(value: Any) -> str:
     if isinstance(value, bool):
-        return "1" if value else "0"
+        return str(int(value))
     if value is None:
         return "none"
     return ",".join(value) if isinstance(value, tuple) else str(value)
-
-
-def _explain(error: ValidationError, flags: Mapping[str, Any]) -> bc.InputError:
-    first = error.errors(include_url=False)[0]
-    name = str(first["loc"][0])
-    from_flag = flags.get(name) is not None
-    where = f"--{name.replace('_', '-')}" if from_flag else variable_of(name)
-    got = "(secret)" if name == "api_key" else str(first["input"])[:80]
-    return bc.InputError(
-        "bad_setting", f"{where} = {got!r}: {first['msg']}", where=where, got=got, expected=first["msg"]
-    )

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import hmac
-import ipaddress
 from collections.abc import Iterable
-from functools import lru_cache
 from urllib.parse import urlsplit
 
 from brdf_service.http.errors import ForbiddenError, ForeignHostError, KeyNeededError
-from brdf_service.settings import Settings
+from brdf_service.settings import Settings, is_loopback
 from starlette.datastructures import Headers
 
 #: On every answer.
@@ -27,7 +25,7 @@ SVG_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; fram
 
 
 def check_host(settings: Settings, hosts: Iterable[bytes]) -> None:
-    """Refuse a request meant for another machine.
+    """Refuse a request meant for another machine (`ForeignHostError`).
 
     A page on the internet can make a browser call 127.0.0.1 under a name of the page's own (DNS rebinding); only
     the Host header then tells. A loopback service therefore answers to loopback names alone. Elsewhere any name
@@ -37,20 +35,16 @@ def check_host(settings: Settings, hosts: Iterable[bytes]) -> None:
         return
     given = [h.decode("latin-1") for h in hosts]
     name = _name(given[0]) if len(given) == 1 else ""
-    if settings.allowed_hosts:
-        allowed = name in settings.allowed_hosts
-        expected = ", ".join(settings.allowed_hosts)
-    else:
-        allowed = _is_loopback(name)
-        expected = "localhost, 127.0.0.1 or [::1]"
-    if not allowed:
-        raise ForeignHostError(
-            "foreign_host",
-            f"this service does not answer to that Host; it answers to {expected} (setting BRDF_ALLOWED_HOSTS)",
-            where="Host",
-            got=", ".join(given)[:80],
-            expected=expected,
-        )
+    if name in settings.allowed_hosts or (not settings.allowed_hosts and is_loopback(name)):
+        return
+    expected = ", ".join(settings.allowed_hosts) or "localhost, 127.0.0.1 or [::1]"
+    raise ForeignHostError(
+        "foreign_host",
+        f"this service does not answer to that Host; it answers to {expected} (setting BRDF_ALLOWED_HOSTS)",
+        where="Host",
+        got=", ".join(given)[:80],
+        expected=expected,
+    )
 
 
 def check_write(settings: Settings, headers: Headers) -> None:
@@ -84,11 +78,8 @@ def _check_key(key: str, headers: Headers) -> None:
         scheme, _, token = value.partition(" ")
         given.append(token.strip() if scheme.lower() == "bearer" else "")
     if not given:
-        raise KeyNeededError(
-            "key_missing",
-            "writing takes the service's key, in the header X-API-Key or Authorization: Bearer",
-            where="X-API-Key",
-        )
+        how = "in the header X-API-Key or Authorization: Bearer"
+        raise KeyNeededError("key_missing", f"writing takes the service's key, {how}", where="X-API-Key")
     # every one given must be right
     if not all(hmac.compare_digest(k.encode("latin-1"), key.encode()) for k in given):
         raise KeyNeededError("key_wrong", "that is not the service's key", where="X-API-Key")
@@ -111,13 +102,3 @@ def _name(host: str) -> str:
     if host.startswith("["):
         return host[1:].partition("]")[0]
     return host.partition(":")[0] if host.count(":") <= 1 else host
-
-
-@lru_cache(maxsize=64)
-def _is_loopback(name: str) -> bool:
-    if name == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(name).is_loopback
-    except ValueError:
-        return False

@@ -28,7 +28,7 @@ class Found(NamedTuple):
 
 async def by_name(request: Request) -> Found:
     """The material of /v1/materials/{name}; off the event loop if its file has to be read."""
-    state: State = request.scope["brdf.state"]
+    state: State = request.scope["app"].state.brdf
     library, name = state.library, request.path_params["name"]
     material = library.peek(name)
     return Found(material if material is not None else await run_sync(library.get, name), False)
@@ -36,7 +36,7 @@ async def by_name(request: Request) -> Found:
 
 async def by_id(request: Request) -> Found:
     """The material of /v1/tables/{id}; off the event loop if files have to be read."""
-    state: State = request.scope["brdf.state"]
+    state: State = request.scope["app"].state.brdf
     library, id = state.library, request.path_params["id"]
     material = library.peek_id(id)
     return Found(material if material is not None else await run_sync(library.get_id, id), True)

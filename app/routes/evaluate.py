@@ -71,7 +71,7 @@ class EvaluateOptions(Query):
 
 async def evaluate(request: Request, address: Address) -> Response:
     """The answer to a GET or a POST."""
-    state: State = request.scope["brdf.state"]
+    state: State = request.scope["app"].state.brdf
     text = request.scope["query_string"]
     asked: Directions
     if request.scope["method"] == "GET":

@@ -1,1 +1,1 @@
-"""The process: its socket, its limits in time, the outermost layer, the log of requests, warming up."""
+"""The process: its socket, its deadlines, the outermost layer, the log of requests, what is done at the start."""

@@ -4,12 +4,15 @@ counters, whatever happens inside."""
 from __future__ import annotations
 
 import logging
+import re
+import secrets
 import time
+from itertools import count
 
 from brdf_service.http.errors import problem
 from brdf_service.http.metrics import NO_ROUTE
-from brdf_service.http.security import ALWAYS
-from brdf_service.server.request import REQUEST_ID, log_line, new_id, timing
+from brdf_service.http.security import ALWAYS, check_host
+from brdf_service.server.request_log import RequestLog
 from brdf_service.state import State
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -18,20 +21,28 @@ import brdfcore as bc
 
 log = logging.getLogger("brdf.service")
 
-_ALWAYS = [(name.encode(), value.encode()) for name, value in ALWAYS.items()]
+#: A caller's own id is kept if it is safe in a header and in a log. Ours are random for the process and counted in
+#: it: asking the system for random bytes each time costs more.
+_REQUEST_ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
+_PROCESS, _COUNT = secrets.token_hex(4), count(1)
+_ALWAYS = tuple((name.encode(), value.encode()) for name, value in ALWAYS.items())
 _NO_STORE = (b"cache-control", b"no-store")
+_HOSTS_KEPT = 64
 #: Status in the log of a caller who went away before there was an answer.
 _GONE = 499
 
 
-class Boundary:
-    """Around the whole application, and therefore plain ASGI: each layer of the framework costs more than a look-up."""
+class RequestMiddleware:
+    """Plain ASGI, as the framework's own kind of middleware costs more than a look-up."""
 
-    def __init__(self, app: ASGIApp, state: State) -> None:
-        self.app = app
-        self.state = state
+    def __init__(self, app: ASGIApp, state: State, request_log: RequestLog | None) -> None:
+        self.app, self.state, self.request_log = app, state, request_log
+        self._good_hosts: set[bytes] = set()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
         begun = time.perf_counter()
         given, hosts = b"", []
         for name, value in scope["headers"]:
@@ -39,29 +50,25 @@ class Boundary:
                 hosts.append(value)
             elif name == b"x-request-id":
                 given = value
-        request_id = given.decode() if REQUEST_ID.fullmatch(given) else new_id()
+        request_id = given.decode() if _REQUEST_ID.fullmatch(given) else f"{_PROCESS}{next(_COUNT) & 0xFFFFFFFF:08x}"
         method: str = scope["method"]
-        status = sent = 0
         if method == "HEAD":
             scope = {**scope, "method": "GET"}  # whose body the server drops: it keeps the scope as it was
-        scope["brdf.state"] = self.state
         scope["brdf.request_id"] = request_id
+        status = sent = 0
 
         async def send_with_headers(message: Message) -> None:
             nonlocal status, sent
             if message["type"] == "http.response.start":
                 status = message["status"]
-                headers: list[tuple[bytes, bytes]] = message["headers"]
-                for name, _ in headers:
-                    if name == b"cache-control":
-                        break
-                else:
+                headers = message["headers"] = [*message["headers"], *_ALWAYS, (b"x-request-id", request_id.encode())]
+                if b"cache-control" not in [name for name, _ in headers]:
                     headers.append(_NO_STORE)
-                headers += (
-                    *_ALWAYS,
-                    (b"x-request-id", request_id.encode()),
-                    (b"server-timing", timing(time.perf_counter() - begun, scope.get("brdf.lookup_seconds"))),
-                )
+                lookup = scope.get("brdf.lookup_seconds")
+                timing = f"app;dur={1000 * (time.perf_counter() - begun):.3f}"
+                if lookup is not None:
+                    timing = f"lookup;dur={1000 * lookup:.3f}, {timing}"
+                headers.append((b"server-timing", timing.encode()))
             else:
                 sent += len(message.get("body", b""))
             await send(message)
@@ -69,26 +76,30 @@ class Boundary:
         metrics = self.state.metrics
         metrics.running += 1
         try:
-            self.state.hosts.check(hosts)
+            if len(hosts) != 1 or hosts[0] not in self._good_hosts:
+                self._check_host(hosts)
             await self.app(scope, receive, send_with_headers)
         except ClientDisconnect:
             pass  # nobody is left to answer
         except Exception as error:
             if not isinstance(error, bc.BrdfError):
                 log.exception("request %s failed", request_id)
-            if not status:
-                await problem(error, request_id)(scope, receive, send_with_headers)
-            elif "brdf.failed" not in scope:
+            if status:
                 raise  # half an answer is out: only a broken connection tells the caller
+            await problem(error, request_id)(scope, receive, send_with_headers)
         finally:
+            # the path as the OpenAPI document writes it: the same for every material
+            route = str(scope.get("brdf.route") or getattr(scope.get("route"), "path", NO_ROUTE))
+            seconds = time.perf_counter() - begun
             metrics.running -= 1
-            seconds, route = time.perf_counter() - begun, _template(scope)
             metrics.request(route, method, status or _GONE, seconds, sent)
-            if self.state.access_log is not None:
-                self.state.access_log(log_line(request_id, method, route, status or _GONE, seconds, sent))
+            if self.request_log is not None:
+                self.request_log.request(request_id, method, route, status or _GONE, seconds, sent)
 
-
-def _template(scope: Scope) -> str:
-    """The path as the OpenAPI document writes it: the same for every material."""
-    own: str | None = scope.get("brdf.route")
-    return own or str(getattr(scope.get("route"), "path", NO_ROUTE))
+    def _check_host(self, hosts: list[bytes]) -> None:
+        """Judge a Host not seen before, which takes longer than a look-up."""
+        check_host(self.state.settings, hosts)
+        if len(hosts) == 1:
+            if len(self._good_hosts) >= _HOSTS_KEPT:
+                self._good_hosts.clear()  # with made-up ports anyone can fill it
+            self._good_hosts.add(hosts[0])

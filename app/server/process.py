@@ -9,7 +9,8 @@ import logging
 import signal
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from importlib.util import find_spec
 from types import FrameType
 from typing import Any
 
@@ -22,8 +23,11 @@ import brdfcore as bc
 
 #: Number of the parameter in glibc's malloc.h.
 _M_ARENA_MAX = -8
-
-log = logging.getLogger("brdf")
+_HINTS = {
+    errno.EADDRINUSE: "the port is in use; stop the other program, or choose another with --port (0: any free one)",
+    errno.EACCES: "not allowed; ports below 1024 belong to the administrator, choose another with --port",
+    errno.EADDRNOTAVAIL: "no address of this machine; choose another with --host",
+}
 
 
 class ListenError(bc.StorageError):
@@ -35,11 +39,10 @@ def bind(settings: Settings) -> socket.socket:
 
     Raises `ListenError`.
     """
-    place = f"{settings.host}:{settings.port}"
     try:
         found = socket.getaddrinfo(settings.host.strip("[]"), settings.port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
-        raise _refused(place, "no such host; --host takes an address of this machine") from error
+        raise _refused(settings, "no such host; --host takes an address of this machine") from error
     # localhost may mean ::1 first; what is printed must work in every client, so IPv4 goes before
     family, _, _, _, address = min(found, key=lambda f: f[0] != socket.AF_INET)
     # with its protocol spelt out: asyncio turns Nagle's delay (40 ms an answer) off only where it reads TCP there
@@ -50,20 +53,14 @@ def bind(settings: Settings) -> socket.socket:
         listener.bind(address)
     except OSError as error:
         listener.close()
-        raise _explain(error, place) from error
+        raise _refused(settings, error) from error
     return listener
 
 
-def _explain(error: OSError, place: str) -> ListenError:
-    hints = {
-        errno.EADDRINUSE: "the port is in use; stop the other program, or choose another with --port (0: any free one)",
-        errno.EACCES: "not allowed; ports below 1024 belong to the administrator, choose another with --port",
-        errno.EADDRNOTAVAIL: "no address of this machine; choose another with --host",
-    }
-    return _refused(place, hints.get(error.errno or 0, error.strerror or str(error)))
-
-
-def _refused(place: str, why: str) -> ListenError:
+def _refused(settings: Settings, why: str | OSError) -> ListenError:
+    if isinstance(why, OSError):
+        why = _HINTS.get(why.errno or 0, why.strerror or str(why))
+    place = f"{settings.host}:{settings.port}"
     return ListenError("cannot_listen", f"cannot listen on {place}: {why}", where=place)
 
 
@@ -79,8 +76,7 @@ def start_logging(level: str) -> None:
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     for name in ("brdf", "uvicorn"):
         logger = logging.getLogger(name)
-        logger.handlers = [handler]
-        logger.propagate = False
+        logger.handlers, logger.propagate = [handler], False
         logger.setLevel(level.upper())
     # what the server says of its own start and end is said better by our line
     logging.getLogger("uvicorn.error").setLevel("DEBUG" if level == "debug" else "WARNING")
@@ -89,17 +85,18 @@ def start_logging(level: str) -> None:
 class _Server(uvicorn.Server):
     """Says where it listens once it does, and returns after SIGTERM instead of dying of it."""
 
-    listening: str = ""
-    before_drain: Callable[[], None] = staticmethod(lambda: None)
+    def __init__(self, config: uvicorn.Config, state: State, listening: str) -> None:
+        super().__init__(config)
+        self._state, self._listening = state, listening
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        self.before_drain()
+        self._state.draining = True
         super().handle_exit(sig, frame)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         if self.started:
-            print(self.listening, flush=True)
+            print(self._listening, flush=True)
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -112,51 +109,38 @@ class _Server(uvicorn.Server):
                 signal.signal(number, handler)
 
 
-def server_options(state: State) -> dict[str, Any]:
+def server_options(settings: Settings) -> dict[str, Any]:
     """Options of the server that change how it speaks: our protocol, where its parser is installed."""
-    try:
-        from brdf_service.server.protocol import protocol
-    except ModuleNotFoundError as error:
-        if error.name != "httptools":
-            raise
-        return {}
-    return {"http": protocol(state.settings, lambda *_: None)}
+    if find_spec("httptools") is None:
+        return {"ws": "none"}
+    from brdf_service.server.deadlines import protocol
 
-
-def bound_arenas() -> None:
-    """Tell glibc to keep two heaps instead of eight a core: what one thread frees in its own heap no other can use, and
-    the process grows by tens of megabytes that nothing holds."""
-    with contextlib.suppress(OSError, AttributeError):  # another C library
-        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
+    return {"ws": "none", "http": protocol(settings)}
 
 
 def run(app: ASGIApp, state: State, listener: socket.socket) -> None:
     """Serve until SIGINT or SIGTERM; running requests get `drain_seconds` to finish. Raises `ListenError`."""
     settings = state.settings
-    place = f"{settings.host}:{settings.port}"
     config = uvicorn.Config(
         app,
-        **server_options(state),
+        **server_options(settings),
         log_config=None,
         log_level=None,
-        access_log=False,  # the boundary writes a line for each request
+        access_log=False,  # the middleware writes a line for each request
         server_header=False,
-        workers=1,
         lifespan="on",
         timeout_graceful_shutdown=settings.drain_seconds,
     )
-    bound_arenas()
+    # two heaps of glibc's instead of eight a core: what one thread frees in its own no other can use, and the process
+    # grows by tens of megabytes that nothing holds
+    with contextlib.suppress(OSError, AttributeError):  # another C library
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
     # a thread that computes gives way to the event loop after a millisecond, not after five
     sys.setswitchinterval(0.001)
-    server = _Server(config)
-    server.before_drain = state.drain
-    if settings.loopback:
-        shown = " (only this machine can reach it)"
-    else:
-        how = "writing takes the key" if settings.writable else "read-only"
-        shown = f" (reachable from other machines, {how})"
-    server.listening = f"listening on {address_of(listener)}{shown}; data: {settings.data}; stop with Ctrl-C"
+    how = "writing takes the key" if settings.writable else "read-only"
+    reach = "only this machine can reach it" if settings.loopback else f"reachable from other machines, {how}"
+    listening = f"listening on {address_of(listener)} ({reach}); data: {settings.data}; stop with Ctrl-C"
     try:
-        server.run(sockets=[listener])
+        _Server(config, state, listening).run(sockets=[listener])
     except OSError as error:  # another process began to listen between our bind and our listen
-        raise _explain(error, place) from error
+        raise _refused(settings, error) from error

@@ -46,9 +46,9 @@ class Wire(asyncio.Transport):
 GET = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
-def at_the_wire(work: Callable[[Any, Wire], Awaitable[None]], quick: Any = None, keep_alive: Any = 60) -> None:
+def at_the_wire(work: Callable[[Any, Wire], Awaitable[None]], keep_alive: Any = 60) -> None:
     """Run `work` with a protocol whose clocks end after .1 s, above an application that never answers."""
-    from brdf_service.server.protocol import protocol
+    from brdf_service.server.deadlines import protocol
     from uvicorn import Config
     from uvicorn.server import ServerState
 
@@ -58,7 +58,7 @@ def at_the_wire(work: Callable[[Any, Wire], Awaitable[None]], quick: Any = None,
     async def run() -> None:
         config, wire = Config(never, timeout_keep_alive=keep_alive), Wire()
         config.load()
-        made = protocol(Settings(head_seconds=0.1, body_seconds=0.1, send_seconds=0.1), quick or (lambda *_: None))
+        made = protocol(Settings(head_seconds=0.1, body_seconds=0.1, send_seconds=0.1))
         server = made(config, ServerState(), {}, asyncio.get_running_loop())
         server.connection_made(wire)
         await work(server, wire)
@@ -74,7 +74,7 @@ def at_the_wire(work: Callable[[Any, Wire], Awaitable[None]], quick: Any = None,
 
 def answered(server: Any) -> None:
     """The application has sent its answer to the first request that waits for one."""
-    server._unanswered[0].response_complete = True
+    server.unanswered[0].response_complete = True
     server.on_response_complete()
 
 
@@ -92,21 +92,23 @@ def test_a_slow_head_is_cut_off_when_it_is_its_turn() -> None:
 
 def test_a_head_that_has_begun_is_not_idle() -> None:
     async def work(server: Any, wire: Wire) -> None:
-        server.head_seconds = 60
+        server.seconds = {**server.seconds, "head": 60}
         server.data_received(GET + GET[:20])
+        answered(server)
         await asyncio.sleep(0.2)
         assert not wire.closed
         server.data_received(GET[20:])
+        answered(server)
         assert not wire.closed
         await asyncio.sleep(0.2)
         assert wire.closed
 
-    at_the_wire(work, quick=lambda *_: b"an answer", keep_alive=0.1)
+    at_the_wire(work, keep_alive=0.1)
 
 
 def test_a_head_that_began_while_another_was_answered_is_not_idle() -> None:
     async def work(server: Any, wire: Wire) -> None:
-        server.head_seconds = 60
+        server.seconds = {**server.seconds, "head": 60}
         server.data_received(GET + GET[:20])
         answered(server)
         await asyncio.sleep(0.3)
@@ -118,11 +120,12 @@ def test_a_head_that_began_while_another_was_answered_is_not_idle() -> None:
 def test_empty_lines_are_no_sign_of_life() -> None:
     async def work(server: Any, wire: Wire) -> None:
         server.data_received(GET)
+        answered(server)
         server.data_received(b"\r\n")
         await asyncio.sleep(0.3)
         assert wire.closed
 
-    at_the_wire(work, quick=lambda *_: b"an answer", keep_alive=0.1)
+    at_the_wire(work, keep_alive=0.1)
 
 
 def test_nothing_is_read_while_requests_wait() -> None:
@@ -160,15 +163,17 @@ def test_a_slow_reader_is_not_one_that_takes_nothing() -> None:
 
 def test_what_is_left_when_a_connection_is_closed_is_not_waited_for_for_ever() -> None:
     async def work(server: Any, wire: Wire) -> None:
-        wire.unsent = 5  # so little that the server goes on as if it were sent
         server.data_received(GET)
-        await asyncio.sleep(0.15)
+        answered(server)
+        await asyncio.sleep(0.2)
         assert wire.closed
+        wire.unsent = 5
+        await asyncio.sleep(0.05)
         assert not wire.aborted
-        await asyncio.sleep(0.15)
+        await asyncio.sleep(0.25)
         assert wire.aborted
 
-    at_the_wire(work, quick=lambda *_: b"an answer", keep_alive=0.1)
+    at_the_wire(work, keep_alive=0.1)
 
 
 def test_the_rest_of_a_body_whose_answer_is_out_has_to_come() -> None:
@@ -192,7 +197,7 @@ def test_after_the_rest_of_a_body_the_connection_goes_on() -> None:
         await asyncio.sleep(0.3)
         assert not wire.closed
         server.data_received(GET)
-        assert server._owes()
+        assert server.unanswered
 
     at_the_wire(work)
 
@@ -212,7 +217,7 @@ def test_all_whose_client_is_gone_hear_of_it() -> None:
 @pytest.mark.parametrize("sent", [b"", GET[:9], GET, 3 * GET, 3 * GET + GET[:9]])
 def test_nothing_of_a_connection_stays(sent: bytes) -> None:
     """No collector of cycles is needed for it."""
-    from brdf_service.server.protocol import _Protocol
+    from brdf_service.server.deadlines import _Protocol
 
     kept: list[weakref.ref[Any]] = []
 

@@ -42,13 +42,13 @@ def test_metrics(client: TestClient) -> None:
     text = client.get("/metrics").text
     found = metrics(client)
     route = "/v1/materials/{name}/evaluate"
-    assert found[f'brdf_requests_total{{route="{route}",method="GET",status="200"}}'] == 2
-    assert found[f'brdf_requests_total{{route="{route}",method="POST",status="200"}}'] == 1
-    assert found[f'brdf_requests_total{{route="{route}",method="GET",status="422"}}'] == 1
-    assert found['brdf_requests_total{route="none",method="GET",status="404"}'] == 1
-    assert found['brdf_requests_total{route="/v1/materials/{name}/slice.json",method="GET",status="200"}'] == 1
+    assert found[f'brdf_requests_total{{method="GET",route="{route}",status="200"}}'] == 2
+    assert found[f'brdf_requests_total{{method="POST",route="{route}",status="200"}}'] == 1
+    assert found[f'brdf_requests_total{{method="GET",route="{route}",status="422"}}'] == 1
+    assert found['brdf_requests_total{method="GET",route="none",status="404"}'] == 1
+    assert found['brdf_requests_total{method="GET",route="/v1/materials/{name}/slice.json",status="200"}'] == 1
     assert found[f'brdf_request_seconds_count{{route="{route}"}}'] == 4
-    assert found[f'brdf_request_seconds_bucket{{route="{route}",le="+Inf"}}'] == 4
+    assert found[f'brdf_request_seconds_bucket{{le="+Inf",route="{route}"}}'] == 4
     assert found["brdf_lookups_total"] == 5
     assert found["brdf_lookup_seconds_total"] > 0
     assert found["brdf_table_bytes"] > 0

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from brdf_service.main import serve
 from brdf_service.server.process import ListenError, address_of, bind
+from brdf_service.server.start import fill
 from brdf_service.settings import Settings, setting_lines
 
 import brdfcore as bc
@@ -154,17 +155,14 @@ def test_empty_folder_is_filled(tmp_path: Path) -> None:
 
 def test_an_interrupted_start_is_finished_by_the_next(tmp_path: Path) -> None:
     """The starter library is built again where a start was killed, and not where its owner removed a part."""
-    from brdf_service.main import _fill
-    from brdf_service.settings import Settings
-
     settings = Settings.load(data=tmp_path)
     (tmp_path / ".gitkeep").touch()
     (tmp_path / ".starter-unfinished").touch()
     (tmp_path / "white-lambert.json").write_text('{"model": "lambert", "parameters": {"reflectance": 0.8}}')
-    _fill(settings)
+    fill(settings)
     names = {p.name for p in tmp_path.iterdir()}
     assert {"gold-satin.h5", "silver-mirror.json", "white-lambert.json"} <= names
     assert ".starter-unfinished" not in names
     (tmp_path / "gold-satin.h5").unlink()
-    _fill(settings)
+    fill(settings)
     assert not (tmp_path / "gold-satin.h5").exists()

@@ -294,6 +294,19 @@ def test_junk_behind_a_request_is_no_answer_to_it(live: Running) -> None:
         assert not rest(connection).startswith(b"HTTP/1.1 400 ")
 
 
+def test_a_body_that_breaks_off(live: Running) -> None:
+    """Who sends it is told at once, and after the answers to what came before it."""
+    request = f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
+    head = f"POST {PATH.partition('?')[0]} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
+    for before in (0, 1, 3):
+        with connected(live) as connection:
+            connection.sendall(before * request + head.encode() + b"Transfer-Encoding: chunked\r\n\r\nno length\r\n")
+            seconds, said = closed_after(connection)
+        assert seconds < 4
+        assert said.count(b"HTTP/1.1 200 ") == before
+        assert said.count(b"HTTP/1.1 400 ") == said.count(b"HTTP/1.1 ") - before == 1
+
+
 @pytest.mark.parametrize("method", ["GET", "POST"])
 def test_endless_trailers(live: Running, method: str) -> None:
     """What may follow the last piece of a body is nobody's, and has a limit too."""
@@ -329,4 +342,4 @@ def test_each_is_in_the_log_and_the_counters(live: Running) -> None:
     line = json.loads(lines[0])
     assert (line["route"], line["status"], line["bytes"]) == ("/v1/materials/{name}/evaluate", 200, len(answer.body))
     counted = live.ask("/metrics").body.decode()
-    assert 'brdf_requests_total{route="/v1/materials/{name}/evaluate",method="GET",status="200"}' in counted
+    assert 'brdf_requests_total{method="GET",route="/v1/materials/{name}/evaluate",status="200"}' in counted

@@ -48,7 +48,7 @@ def _serve(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[
     pipe.send(listener.getsockname()[1])
     # ours as `brdf serve` runs it, the others as uvicorn does
     app = make(folder, sizes)
-    options = server_options(app.state.brdf) if make is our_app else {}
+    options = server_options(app.state.brdf.settings) if make is our_app else {}
     config = uvicorn.Config(app, log_level="error", access_log=False, lifespan="on", **options)
     with contextlib.suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listener])
@@ -57,12 +57,11 @@ def _serve(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[
 def our_app(folder: str, sizes: dict[str, int]) -> Any:
     """The service, its log line for each request included (written to nowhere)."""
     from brdf_service.main import create_app
-    from brdf_service.server.request_log import AccessLog
+    from brdf_service.server.request_log import RequestLog
     from brdf_service.settings import Settings
 
-    app = create_app(Settings(data=Path(folder)))
-    app.state.brdf.access_log = AccessLog(open(os.devnull, "w", buffering=1).write)  # noqa: SIM115
-    return app
+    nowhere = RequestLog(open(os.devnull, "w", buffering=1).write)  # noqa: SIM115
+    return create_app(Settings(data=Path(folder)), request_log=nowhere)
 
 
 def echo_app(folder: str, sizes: dict[str, int]) -> Any:
