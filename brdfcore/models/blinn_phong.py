@@ -55,7 +55,7 @@ class BlinnPhong(Model):
     SUMMARY: ClassVar[str] = "Cosine power of the half vector: Phong's lobe with a microfacet's shape."
     FORMULA: ClassVar[str] = "f = diffuse/pi + specular (n + 2)(n + 4)/(8 pi (2^(-n/2) + n)) (n.h)^n"
     REFERENCE: ClassVar[str] = "J. Blinn, SIGGRAPH 1977, doi:10.1145/965141.563893"
-    FAST: ClassVar[str] = "brdfcore.kernels.models.lobes:lobe"
+    FAST: ClassVar[str] = "brdfcore.kernels.models.blinn_phong:blinn_phong"
 
     _analytic: bool = True
 
@@ -75,17 +75,11 @@ class BlinnPhong(Model):
         self._base = lobe.per_channel(p["diffuse"]) / np.pi
 
     def _fast_arguments(self) -> FastArguments:
-        from brdfcore.kernels.models.lobes import lobe_numbers
+        from brdfcore.kernels.models.blinn_phong import VARIANTS
+        from brdfcore.kernels.models.lobe_blocks import per_channel
 
-        return FastArguments(
-            self._factor,
-            self._base,
-            *lobe_numbers(
-                "blinn_phong" if self._normalised else "blinn_phong_published",
-                [-self._quarter_exponent],
-                len(self.channels),
-            ),
-        )
+        numbers = per_channel([-self._quarter_exponent], len(self.channels))
+        return FastArguments(self._factor, self._base, numbers, (VARIANTS[self.parameters["convention"]],))
 
     def _value(self, pair: PairGeometry) -> npt.NDArray[np.float64]:
         with np.errstate(under="ignore"):  # far from the lobe f is 0 to all digits

@@ -57,7 +57,7 @@ class OrenNayar(Model):
         "alpha, beta = max, min(theta_i, theta_o), phi = delta_phi"
     )
     REFERENCE: ClassVar[str] = "M. Oren and S. Nayar, SIGGRAPH 1994, doi:10.1145/192161.192213"
-    FAST: ClassVar[str] = "brdfcore.kernels.models.lobes:lobe"
+    FAST: ClassVar[str] = "brdfcore.kernels.models.oren_nayar:oren_nayar"
 
     _analytic: bool = True
 
@@ -75,13 +75,10 @@ class OrenNayar(Model):
         self._scale = rho / np.pi
 
     def _fast_arguments(self) -> FastArguments:
-        from brdfcore.kernels.models.lobes import lobe_numbers
+        from brdfcore.kernels.models.lobe_blocks import per_channel
 
-        return FastArguments(
-            self._scale,
-            0 * self._scale,
-            *lobe_numbers("oren_nayar", [self._c1, self._c2, self._c3, self._inter], len(self.channels)),
-        )
+        numbers = per_channel([self._c1, self._c2, self._c3, self._inter], len(self.channels))
+        return FastArguments(self._scale, 0 * self._scale, numbers, (0,))
 
     def _value(self, pair: PairGeometry) -> Float64Array:
         cos_phi = pair.cos_delta_phi

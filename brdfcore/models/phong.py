@@ -55,7 +55,7 @@ class Phong(Model):
     SUMMARY: ClassVar[str] = "Cosine power about the mirror direction: plastic of the first computer pictures."
     FORMULA: ClassVar[str] = "f = diffuse/pi + specular (n + 2)/(2 pi) max(r.v, 0)^n"
     REFERENCE: ClassVar[str] = "B. T. Phong, Commun. ACM 18(6), 1975, doi:10.1145/360825.360839"
-    FAST: ClassVar[str] = "brdfcore.kernels.models.lobes:lobe"
+    FAST: ClassVar[str] = "brdfcore.kernels.models.phong:phong"
 
     _analytic: bool = True
 
@@ -74,15 +74,11 @@ class Phong(Model):
         self._base = lobe.per_channel(p["diffuse"]) / np.pi
 
     def _fast_arguments(self) -> FastArguments:
-        from brdfcore.kernels.models.lobes import lobe_numbers
+        from brdfcore.kernels.models.lobe_blocks import per_channel
+        from brdfcore.kernels.models.phong import VARIANTS
 
-        return FastArguments(
-            self._factor,
-            self._base,
-            *lobe_numbers(
-                "phong" if self._normalised else "phong_published", [self._half_exponent], len(self.channels)
-            ),
-        )
+        numbers = per_channel([self._half_exponent], len(self.channels))
+        return FastArguments(self._factor, self._base, numbers, (VARIANTS[self.parameters["convention"]],))
 
     def _value(self, pair: PairGeometry) -> npt.NDArray[np.float64]:
         gap = pair.one_minus_rv[:, None]

@@ -25,12 +25,10 @@ import pytest
 import brdfcore as bc
 from brdfcore.base import geometry
 from brdfcore.kernels.machine import blocks, elementary
-from brdfcore.kernels.models import lobes, microfacet_lobe
 from brdfcore.models.base.model import Model
 from tests.brdfcore.models.test_hard_cases import LOBES, MATERIALS, ROUGHNESS, hard_pairs
 
 ROOT = Path(__file__).parents[3]
-TWINS = {"microfacet": microfacet_lobe.microfacet_numpy, "lobe": lobes.lobe_numpy}
 DTYPES = (np.float32, np.float64)
 
 
@@ -141,13 +139,14 @@ def test_kernel_twin_scalar_and_threads_agree_to_the_bit(dtype: type) -> None:
     bad[1][10] = 1.5708
     for name, given in options():
         model = made(name, given, "fast")
-        kernel = getattr(sys.modules[model.FAST.partition(":")[0]], model.FAST.partition(":")[2])
+        module, _, kernel_name = model.FAST.partition(":")
+        kernel, twin = (getattr(sys.modules[module], kernel_name + end) for end in ("", "_numpy"))
         arguments = model._fast_by_dtype[np.dtype(dtype)]
         for inputs, outside in ((bad, 5), (angles, 0)):
             found = []
             # the parallel version in one type only: it takes seconds to compile
             compiled = (kernel.serial, kernel.parallel) if dtype is np.float32 else (kernel.serial,)
-            for run in (TWINS[model.FAST.partition(":")[2]], *compiled):
+            for run in (twin, *compiled):
                 out = np.full(n * len(model.channels), 7, dtype)
                 assert run(*inputs, out, *arguments) == outside
                 found.append(out)
@@ -347,7 +346,7 @@ def test_callers_in_several_threads(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_brdf_threads_1_keeps_the_exact_tier_on_one_thread() -> None:
-    program = "from brdfcore.kernels import blocks; print(blocks.threads())"
+    program = "from brdfcore.kernels.machine import blocks; print(blocks.threads())"
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True, env={"BRDF_THREADS": "1"}
     )
