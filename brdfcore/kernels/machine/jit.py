@@ -31,12 +31,34 @@ from brdfcore.base.errors import missing_extra
 from brdfcore.kernels.machine import launch
 
 try:
+    import llvmlite.binding
     import numba
 except ImportError as error:
     raise missing_extra("numba", "core", "a compiled look-up") from error
 
 prange = numba.prange
 AnyFunction = Callable[..., Any]
+
+
+def _use_whole_vectors() -> None:
+    """Let the compiler fill AVX-512 registers, where the processor has them: for such processors LLVM keeps to half of
+    each ("prefer-256-bit"), as early ones slowed their clock. Measured on a newer one (Sapphire Rapids): `warp` 1.9
+    times, `half_difference` 1.4 to 1.8 times as fast, the same bits, as the operations on an element are the same.
+
+    It holds for what numba compiles in this process. NUMBA_CPU_FEATURES or NUMBA_CPU_NAME, if set, decide instead.
+    The features are part of the key of numba's cache, which keeps versions of both kinds beside each other.
+    """
+    config = numba.config
+    if config.CPU_NAME is not None or config.CPU_FEATURES is not None or not config.ENABLE_AVX:
+        return
+    with contextlib.suppress(RuntimeError):  # LLVM does not know what this processor can do
+        features = llvmlite.binding.get_host_cpu_features()
+        if features.get("avx512f"):
+            # CPU_FEATURES replaces the host's own list, which also says what a virtual machine masks
+            config.CPU_FEATURES = f"{features.flatten()},-prefer-256-bit"
+
+
+_use_whole_vectors()  # before the first decorator: the target is made there, once for the process
 
 
 class Kernel:
