@@ -22,7 +22,8 @@ USAGE, FAILED, INTERRUPTED, PIPE_CLOSED = 2, 1, 130, 141
 
 #: Which extra brings a package that may be missing.
 _EXTRAS = {
-    **dict.fromkeys(("typer", "rich", "numba", "scipy", "h5py", "matplotlib", "flip_evaluator"), "core"),
+    **dict.fromkeys(("typer", "rich", "numba", "scipy", "h5py", "matplotlib"), "core"),
+    "flip_evaluator": "flip",
     **dict.fromkeys(("fastapi", "uvicorn", "pydantic", "starlette"), "service"),
     "httpx2": "client",
 }

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base.brdf import Brdf
-from brdfcore.base.errors import missing_extra
+from brdfcore.base.errors import MissingExtraError, missing_extra
 from brdfcore.plot.colour import screen_weights, to_srgb
 from brdfcore.plot.lit import lit
 from brdfcore.plot.style import default_channel
@@ -59,17 +59,20 @@ def appearance(reference: Brdf, candidate: Brdf, *, pixels: int = PIXELS, need_f
         images.append(to_srgb(np.clip(inside, 0.0, 1.0) + (1 - cover[..., None]) * behind))
     try:
         difference = flip(images[0], images[1])
-    except ModuleNotFoundError:
+    except MissingExtraError:
         if need_flip:
-            raise missing_extra("flip-evaluator", "core", "FLIP") from None
+            raise
         return Appearance(images[0], images[1], None, None, None)
     inside = difference[cover > 0]
     return Appearance(images[0], images[1], difference, float(inside.mean()), float(np.quantile(inside, 0.95)))
 
 
 def flip(reference: Array, candidate: Array) -> Array:
-    """LDR-FLIP of two sRGB pictures (n, m, 3) within [0, 1]: a map (n, m) in [0, 1]."""
-    import flip_evaluator
+    """LDR-FLIP of two sRGB pictures (n, m, 3) within [0, 1]: a map (n, m) in [0, 1]. Needs the `flip` extra."""
+    try:
+        import flip_evaluator
+    except ModuleNotFoundError:
+        raise missing_extra("flip-evaluator", "flip", "FLIP") from None
 
     pictures = [np.ascontiguousarray(x, np.float32) for x in (reference, candidate)]
     found = flip_evaluator.evaluate(

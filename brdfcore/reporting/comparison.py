@@ -32,7 +32,7 @@ def compare(
         Also `nbytes` and `ns`: {label: {best, median, high}} a look-up of the candidate by batch (1, 1000, 1000000 on
         one thread, and the last on all). Some seconds.
     appearance : bool
-        Also `flip`: mean and 95th percentile of FLIP between a lit sphere of each. A second or two; needs the `core`
+        Also `flip`: mean and 95th percentile of FLIP between a lit sphere of each. A second or two; needs the `flip`
         extra.
 
     Raises

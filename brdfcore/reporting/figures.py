@@ -196,7 +196,7 @@ def draw_spheres(axes: list[Axes], found: Appearance) -> None:
     if difference is not None and found.mean is not None:
         pictures.append((f"FLIP: mean {found.mean:.2g}, p95 {found.p95:.2g}", difference))
     else:
-        pictures.append(("FLIP: flip-evaluator is not installed", np.zeros(found.reference.shape[:2])))
+        pictures.append(("FLIP: not installed (the extra `flip`)", np.zeros(found.reference.shape[:2])))
     for one, (text, picture) in zip(axes, pictures):
         mesh = one.imshow(
             picture, interpolation="nearest", cmap="magma", vmin=0.0, vmax=0.3

@@ -58,6 +58,35 @@ def threads(seconds: str) -> dict[str, Any]:
     return {"layer": numba.threading_layer(), "calls": counts, "wrong": len(wrong)}
 
 
+def threads_without_tbb(seconds: str) -> dict[str, Any]:
+    """`threads` where the tbb package is not installed and no such library is on the system's path."""
+    import importlib.metadata
+
+    installed = importlib.metadata.files
+
+    def files(name: str) -> Any:
+        if name == "tbb":
+            raise importlib.metadata.PackageNotFoundError(name)
+        return installed(name)
+
+    importlib.metadata.files = files
+    return threads(seconds)
+
+
+def compile_once(_: str = "") -> dict[str, Any]:
+    """Which kernels were compiled here, not loaded, for one look-up; the processor features they were compiled for."""
+    from numba.core import event
+    from numba.core.registry import cpu_target
+
+    from brdfcore.kernels.machine import jit  # noqa: F401
+
+    with event.install_recorder("numba:compile") as recorded:
+        value = float(a_table().evaluate(0.5, 0.5, 3.0)[0])
+    found = {e.data["dispatcher"].py_func.__qualname__ for _, e in recorded.buffer if e.is_start}
+    _, name, features = cpu_target.target_context.codegen().magic_tuple()
+    return {"value": value, "compiled": sorted(found), "name": name, "features": features.split(",")}
+
+
 def evaluate_once(_: str = "") -> dict[str, Any]:
     """One large batch; says where the compiled code was cached."""
     table, angles = a_table(), some_angles()
@@ -146,7 +175,9 @@ def killed_while_saving(folder: str, times: str) -> dict[str, Any]:
     }
 
 
-PROGRAMS = {f.__name__: f for f in (threads, evaluate_once, fork, spawn, killed_while_saving)}
+PROGRAMS = {
+    f.__name__: f for f in (threads, threads_without_tbb, compile_once, evaluate_once, fork, spawn, killed_while_saving)
+}
 
 if __name__ == "__main__":
     print(json.dumps(PROGRAMS[sys.argv[1]](*sys.argv[2:])), flush=True)
