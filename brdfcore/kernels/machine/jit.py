@@ -18,6 +18,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import hashlib
+import logging
 import os
 import tempfile
 import time
@@ -26,7 +27,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from brdfcore.base.errors import missing_extra
 from brdfcore.kernels.machine import launch
@@ -43,6 +44,7 @@ try:
 except ImportError as error:
     raise missing_extra("numba", "core", "a compiled look-up") from error
 
+log = logging.getLogger("brdfcore.kernels")
 #: Seconds to wait for another process to compile a kernel; the slowest takes 10 on a busy machine.
 _MOST_SECONDS = 60.0
 
@@ -116,42 +118,51 @@ def _compile(function: AnyFunction, *, parallel: bool) -> Any:
     clone.__module__ = function.__module__
     options: dict[str, Any] = {"nogil": True, "parallel": parallel, "error_model": "numpy"}
     with contextlib.suppress(RuntimeError):  # "no locator available": neither the package nor home is writable
-        return _by_one_process(numba.njit(cache=True, **options)(clone))
+        return _watched(numba.njit(cache=True, **options)(clone))
     with _cache_in_temporary_folder() as found:
-        return _by_one_process(numba.njit(cache=found, **options)(clone))
+        return _watched(numba.njit(cache=found, **options)(clone))
 
 
-def _by_one_process(dispatcher: Any) -> Any:
+def _watched(dispatcher: Any) -> Any:
     """Of several processes that want a kernel at the same time (a service and what draws for it, the workers of a test
-    run), let one compile it and the others load what that one cached: numba itself has no such lock."""
-    folder, compile_it = dispatcher._cache.cache_path, dispatcher.compile
+    run), let one compile it and the others load what that one cached: numba itself has no such lock. And log the
+    processor time that it took."""
+    folder, compile_it, name = dispatcher._cache.cache_path, dispatcher.compile, dispatcher.py_func.__qualname__
+    lock = None if folder is None else Path(folder) / f"{name}.lock"
 
     def compile_once(signature):
         # numba's own lock first, or two threads could hold one each and wait for the other
-        with global_compiler_lock, _locked(Path(folder) / f"{dispatcher.py_func.__qualname__}.lock"):
-            return compile_it(signature)
+        with global_compiler_lock, _locked(lock):
+            before, begun = sum(dispatcher.stats.cache_misses.values()), time.thread_time()
+            made = compile_it(signature)
+            if sum(dispatcher.stats.cache_misses.values()) > before:
+                log.debug("compiled %s in %.2f s", name, time.thread_time() - begun)
+            return made
 
-    if folder is not None and fcntl is not None:
-        dispatcher.compile = compile_once
+    dispatcher.compile = compile_once
     return dispatcher
 
 
 @contextlib.contextmanager
-def _locked(path: Path) -> Iterator[None]:
+def _locked(path: Path | None) -> Iterator[None]:
     """Hold a lock between processes; the system releases that of one that died. Who waits too long, for one that was
     stopped say, goes on without: all that it may cost is that a kernel is compiled twice."""
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):  # read-only by now, or a file system without locks
-            file = stack.enter_context(open(path, "ab"))
-            until = time.monotonic() + _MOST_SECONDS
-            while time.monotonic() < until:
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    time.sleep(0.01)
-                else:
-                    break
+            if path is not None and fcntl is not None:
+                _wait_for(stack.enter_context(open(path, "ab")))
         yield
+
+
+def _wait_for(file: IO[bytes]) -> None:
+    until = time.monotonic() + _MOST_SECONDS
+    while time.monotonic() < until:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(0.01)
+        else:
+            return
 
 
 @cache
