@@ -5,7 +5,10 @@
 # key, add: -e BRDF_API_KEY=... The line above publishes the port to this machine only; leave out "127.0.0.1:" to publish
 # it to the network.
 
-FROM python:3.12-slim
+# by its digest, so that a build next year has the same base: 3.12.13 on Debian 13, as the list of official images
+# (docker-library/repo-info, repos/python/remote/3.12-slim.md) had it in August 2026. For a newer one take its digest
+# from there, or from `docker buildx imagetools inspect python:3.12-slim`.
+FROM python:3.12-slim@sha256:229a2c5bfa27522db7815ea81f9bed70af17ccb9de9fc7ad142b1877b5830d36
 
 # numba reads the machine it runs on and compiles for it, so kernels are not compiled here: a cache made on the
 # builder would be ignored on another processor. They are compiled at every start before /health/ready says yes: seconds

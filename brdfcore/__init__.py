@@ -48,6 +48,7 @@ _PUBLIC = {
     "convert": "brdfcore.formats.io.conversion",
     "slice": "brdfcore.plot.slices",
     "starter_library": "brdfcore.starter",
+    "example_files": "brdfcore.examples",
     "to_radians": "brdfcore.base.conventions",
     "to_rgb": "brdfcore.base.colour",
     "names": None,  # a module: types and lists of choices
@@ -81,6 +82,7 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.base.status import Status as Status
     from brdfcore.build.project import project as project
     from brdfcore.build.tabulate import tabulate as tabulate
+    from brdfcore.examples import example_files as example_files
     from brdfcore.formats.io.conversion import convert as convert
     from brdfcore.formats.io.files import read as read
     from brdfcore.formats.io.files import sniff as sniff

@@ -42,8 +42,9 @@ def test_every_instruction_is_known_and_in_order() -> None:
     assert kinds.index("USER") > max(k for k, kind in enumerate(kinds) if kind == "RUN")
     assert of("USER") not in ([], ["root"], ["0"])
     assert of("VOLUME") == ["/data"]
-    assert of("FROM")[0].endswith("-slim")
-    version = tuple(map(int, re.findall(r"\d+", of("FROM")[0])[:2]))
+    image = re.fullmatch(r"python:(\d+)\.(\d+)-slim@sha256:[0-9a-f]{64}", of("FROM")[0])
+    assert image, of("FROM")  # the tag for people, the digest for the engine
+    version = tuple(map(int, image.groups()))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     lowest = tuple(map(int, re.findall(r"\d+", project["requires-python"])))
     assert version >= lowest

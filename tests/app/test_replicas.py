@@ -1,4 +1,4 @@
-"""The compose file of the README: all that it names exists, and two services on one data folder do what it promises."""
+"""The compose file of docs/deployment.md: all it names exists, and two services on one folder do what it promises."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KEY = "a key of eight or more"
 
 
 def compose() -> dict[str, Any]:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "deployment.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
     made: dict[str, Any] = yaml.safe_load(block)
     return made

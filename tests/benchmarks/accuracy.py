@@ -75,7 +75,7 @@ def show(heads: list[str], rows: Iterator[list[str]], markdown: bool) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--markdown", action="store_true", help="as in the README")
+    parser.add_argument("--markdown", action="store_true", help="as in the documentation")
     markdown = parser.parse_args().markdown
     heads = ["material, as angle_grid 90 x 90 x 180", "MB a channel", "L1", "albedo bias", "p99 log ratio", "build s"]
     show(heads, analytic_rows(), markdown)

@@ -1,8 +1,8 @@
 """Which representation each of seven materials needs, as `brdf report` says: `python -m tests.benchmarks.report`.
 
 Three formulas and, where ../shared is present, four measured files; each is printed when it is done, with what it
-took. --runs 3 repeats it and says what of the fronts another run measures otherwise. --readme prints the lines of the
-README table alone, the rest goes to stderr.
+took. --runs 3 repeats it and says what of the fronts another run measures otherwise. --table prints the lines of the
+documentation's table alone, the rest goes to stderr.
 """
 
 from __future__ import annotations
@@ -113,10 +113,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=120.0, help="a material, about")
-    parser.add_argument("--readme", action="store_true")
+    parser.add_argument("--table", action="store_true")
     parser.add_argument("--only", action="append", default=[], metavar="TEXT", help="materials whose name has this")
     given = parser.parse_args()
-    listener = sys.stderr if given.readme else sys.stdout
+    listener = sys.stderr if given.table else sys.stdout
     items, runs = [], []
     begun = time.perf_counter()
     for run in range(given.runs):
@@ -138,7 +138,7 @@ def main() -> None:
                 print("\n".join([f"run {run + 1}, {found.material}: {head}, {seconds:.0f} s", *rest]), file=listener)
             listener.flush()
     print(f"{time.perf_counter() - begun:.0f} s in all", file=listener)
-    whole = Report(items, "" if given.readme else "python -m tests.benchmarks.report")
+    whole = Report(items, "" if given.table else "python -m tests.benchmarks.report")
     print("\n".join([*summary(whole.items), "", measured_on(whole.items, whole.command)]))
     if given.runs > 1:
         print(repeats(runs), file=listener)

@@ -1,7 +1,7 @@
-"""The README's table of models, from the registry: `python -m tests.benchmarks.model_table [--pictures]`.
+"""The documentation's page of models, from the registry: `python -m tests.benchmarks.model_pages [--pictures]`.
 
-Claims are those of the default parameters; every option is tried by itself, and where one changes a claim the table
-says so. `--pictures` also draws app/web/model-NAME.png: f_r in the plane of incidence, nothing written on it.
+Claims are those of the default parameters; every option is tried by itself, and where one changes a claim the page
+says so. `--pictures` also draws docs/pictures/model-NAME.png: f_r in the plane of incidence, nothing written on it.
 """
 
 from __future__ import annotations
@@ -24,32 +24,35 @@ from brdfcore.base.registry import MODELS
 from brdfcore.plot import style
 from brdfcore.plot.rendering import drawing, render
 
-WEB = Path(__file__).parents[2] / "app" / "web"
+PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 THETA_I = np.radians([0.0, 30.0, 60.0])
 #: A logarithmic radius keeps lobes of 1 and of 100 in one picture, and shows the tails.
 DECADES = 4
-#: Inches and dots an inch: twice the 160 pixels that the table gives it.
+#: Inches and dots an inch: twice the 160 pixels that the page gives it.
 SIZE, DPI = (1.6, 0.92), 200
 LARGEST = 8_000
 
 
-def table() -> str:
-    """The whole table as Markdown."""
-    heads = ["f<sub>r</sub> at θ<sub>i</sub> = 0, 30, 60°", "model", "reciprocal", "conserves energy", "parameters"]
-    rows = [_row(name, MODELS.load(name)) for name in MODELS.entries]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in [heads, ["---"] * len(heads), *rows])
+def text() -> str:
+    """An overview, then a section a model, as Markdown."""
+    heads = ["model", "what it is", "reciprocal", "conserves energy"]
+    rows = [heads, ["---"] * len(heads), *(_overview(name, MODELS.load(name)) for name in MODELS.entries)]
+    table = "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
+    return "\n\n".join([table, *(_section(name, MODELS.load(name)) for name in MODELS.entries)])
 
 
-def _row(name: str, model: Any) -> list[str]:
-    about = f"**{name}**: {model.SUMMARY}<br>{_code(model.FORMULA)}<br>{_linked(model.REFERENCE)}"
-    picture = f'<img src="app/web/{picture_of(name).name}" width="160" alt="Polar slices of {name}">'
+def _overview(name: str, model: Any) -> list[str]:
     claims = [_claim(name, model.PARAMETERS, c) for c in ("reciprocal", "energy_conserving")]
-    return [picture, about, *claims, "<br>".join(_described(p) for p in model.PARAMETERS)]
+    return [f"[{name}](#{name})", model.SUMMARY.rstrip("."), *claims]
 
 
-def _code(text: str) -> str:
-    """A stroke would end the cell."""
-    return "`" + text.replace("|", "\\|") + "`"
+def _section(name: str, model: Any) -> str:
+    picture = f"![Polar slices of {name} at 0, 30 and 60 degrees](pictures/{picture_of(name).name})"
+    heads = ["parameter", "default", "range or choices"]
+    rows = [heads, ["---"] * len(heads), *(_described(p) for p in model.PARAMETERS)]
+    table = "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
+    formula = f"```text\n{model.FORMULA}\n```"
+    return "\n\n".join([f"({name})=\n## {name}", model.SUMMARY, picture, formula, _linked(model.REFERENCE), table])
 
 
 def _linked(reference: str) -> str:
@@ -57,18 +60,16 @@ def _linked(reference: str) -> str:
     return re.sub(r"doi:(\S+?)(?=[;,]?(?:\s|$))", r"[doi:\1](https://doi.org/\1)", reference)
 
 
-def _described(p: Parameter) -> str:
-    """Name, symbol, default and range of a parameter; of a choice the default comes first, in bold."""
-    symbol = f" ({p.symbol})" if p.symbol else ""
+def _described(p: Parameter) -> list[str]:
+    """Name and symbol, default, and what else it may be."""
+    name = f"`{p.name}`" + (f" ({p.symbol})" if p.symbol else "")
     if p.kind in ("choice", "flag"):
         choices = p.choices if p.kind == "choice" else ("true", "false")
-        default = p.default if p.kind == "choice" else str(p.default).lower()
-        return f"`{p.name}`{symbol}: " + ", ".join([f"**{default}**", *(c for c in choices if c != default)])
-    start = "" if p.default is None else f" = {p.default:g}"
-    unit = f" {p.unit}" if p.unit else ""
+        default = str(p.default) if p.kind == "choice" else str(p.default).lower()
+        return [name, default, ", ".join(c for c in choices if c != default)]
     # an index has its own grammar, and no range: complex numbers and names are no numbers on a line
-    where = "n, (n, k) or a name" if p.kind == "ior" else f"in {p.range_text()}{unit}"
-    return f"`{p.name}`{symbol}{start}{':' if p.kind == 'ior' else ''} {where}"
+    where = "n, (n, k) or a name" if p.kind == "ior" else p.range_text() + (f" {p.unit}" if p.unit else "")
+    return [name, "" if p.default is None else f"{p.default:g}", where]
 
 
 def _claim(name: str, parameters: tuple[Parameter, ...], claim: str) -> str:
@@ -111,7 +112,7 @@ def _holds(name: str, claim: str, p: Parameter, value: Any) -> bool | None:
 
 
 def picture_of(name: str) -> Path:
-    return WEB / f"model-{name}.png"
+    return PICTURES / f"model-{name}.png"
 
 
 def drawn(name: str) -> bytes:
@@ -148,11 +149,11 @@ def _rings(radial: style.Radial) -> Iterator[float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pictures", action="store_true", help="also draw app/web/model-NAME.png")
+    parser.add_argument("--pictures", action="store_true", help="also draw docs/pictures/model-NAME.png")
     if parser.parse_args().pictures:
         for name in MODELS.entries:
             picture_of(name).write_bytes(drawn(name))
-    print(table())
+    print(text())
 
 
 if __name__ == "__main__":
