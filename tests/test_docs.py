@@ -12,7 +12,7 @@ import pytest
 from tests.support.pages import ROOT
 
 sys.path.append(str(ROOT / "docs"))
-from docstrings import as_markup  # noqa: E402
+from docstrings import as_markup
 
 
 @pytest.fixture(scope="module")
