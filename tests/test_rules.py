@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,17 @@ def test_registered_under_its_own_name(registry: object) -> None:
     assert isinstance(registry, type(MODELS))
     for name in registry.entries:
         assert registry.load(name).name == name
+
+
+def test_every_folder_is_installed() -> None:
+    """pyproject.toml lists the packages, as setuptools does not find them through the rename of app/."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        listed = tomllib.load(file)["tool"]["setuptools"]["packages"]
+    folders = [
+        p.parent.relative_to(ROOT).parts for top in ("brdfcore", "app") for p in (ROOT / top).rglob("__init__.py")
+    ]
+    found = sorted(".".join(("brdf_service" if top == "app" else top, *rest)) for top, *rest in folders)
+    assert listed == found, "write the folder's dotted name into [tool.setuptools] packages"
 
 
 def test_files_stay_small() -> None:
