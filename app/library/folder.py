@@ -75,12 +75,8 @@ class Folder:
         with contextlib.suppress(OSError, StopIteration):
             chosen = f"{self._prefix}{name}{self._choice(name).read_text(encoding='ascii')}"
             return next(file for file in found if file.path == chosen)
-        raise MaterialDamagedError(
-            "material_ambiguous",
-            f"{name}: both {name}.h5 and {name}.json are in the data folder; remove or rename one",
-            where="name",
-            got=name,
-        )
+        text = f"{name}: both {name}.h5 and {name}.json are in the data folder; remove or rename one"
+        raise MaterialDamagedError("material_ambiguous", text, where="name", got=name)
 
     def copy(self, name: str, into: Path) -> Path | None:
         """A copy of the material's file as it is now, under its own file name; None if there is none."""
@@ -160,7 +156,7 @@ class Folder:
 
     def _flush(self) -> None:
         """See to it that a rename or removal has reached the disk."""
-        if os.name == "posix":
+        if fcntl is not None:
             number = os.open(self.path, os.O_RDONLY)
             try:
                 os.fsync(number)

@@ -134,13 +134,9 @@ class Library:
                     material = self.get(name)
                     if material.id == id:
                         return material
-        raise NotFoundError(
-            "unknown_table",
-            "no table or model of this id is in the data folder; /v1/materials lists the ids",
-            where="id",
-            got=id[:80],
-            expected="the id of a material, 64 hexadecimal digits",
-        )
+        text = "no table or model of this id is in the data folder; /v1/materials lists the ids"
+        expected = "the id of a material, 64 hexadecimal digits"
+        raise NotFoundError("unknown_table", text, where="id", got=id[:80], expected=expected)
 
     def peek_page(self, offset: int, limit: int) -> Page | None:
         """As `page` if the folder was small and no file has to be read; None otherwise."""
@@ -196,14 +192,9 @@ class Library:
     def unknown(self, name: str) -> NotFoundError:
         """What is said of a name that there is not, with those close to it."""
         close = difflib.get_close_matches(name[:64], self.folder.names()[0], n=3, cutoff=0.5)
-        meant = f"; did you mean {' or '.join(close)}?" if close else "; /v1/materials lists what there is"
-        return NotFoundError(
-            "unknown_material",
-            f"no material of this name{meant}",
-            where="name",
-            got=name[:80],
-            expected=", ".join(close) if close else "the name of a material",
-        )
+        hint = f"did you mean {' or '.join(close)}?" if close else "/v1/materials lists what there is"
+        expected, text = ", ".join(close) or "the name of a material", f"no material of this name; {hint}"
+        return NotFoundError("unknown_material", text, where="name", got=name[:80], expected=expected)
 
     def _load(self, name: str) -> Material:
         self.misses += 1
@@ -268,10 +259,5 @@ def _unusable(name: str, file: File | None, error: Exception) -> Listed:
 
 
 def _damaged(name: str, error: Exception) -> MaterialDamagedError:
-    return MaterialDamagedError(
-        "material_damaged",
-        f"{name}: its file cannot be used: {describe(error)['detail']}",
-        where="name",
-        got=name,
-        expected="a material file that can be read",
-    )
+    text, expected = f"{name}: its file cannot be used: {describe(error)['detail']}", "a material file that can be read"
+    return MaterialDamagedError("material_damaged", text, where="name", got=name, expected=expected)

@@ -33,13 +33,8 @@ class Condition:
 def check_name(name: str) -> None:
     """`InputError` unless a material may be stored under `name`."""
     if not NAME.fullmatch(name):
-        raise bc.InputError(
-            "bad_name",
-            "name: expected 1 to 64 letters, digits, dots, hyphens or underscores, the first a letter or digit",
-            where="name",
-            got=name[:80],
-            expected=NAME.pattern,
-        )
+        text = "name: expected 1 to 64 letters, digits, dots, hyphens or underscores, the first a letter or digit"
+        raise bc.InputError("bad_name", text, where="name", got=name[:80], expected=NAME.pattern)
 
 
 class Store:
@@ -59,19 +54,11 @@ class Store:
             raise PreconditionError("exists", f"{name}: exists already, and If-None-Match says it must not", where=name)
         if condition.match is not None and not (exists and condition.match & {"*", etag}):
             what = "is another one by now" if exists else "does not exist"
-            raise PreconditionError(
-                "changed",
-                f"{name}: {what}; ask for it again and send its present ETag as If-Match",
-                where="If-Match",
-                expected=etag or "no If-Match",
-            )
+            text = f"{name}: {what}; ask for it again and send its present ETag as If-Match"
+            raise PreconditionError("changed", text, where="If-Match", expected=etag or "no If-Match")
         if exists and condition.match is None:
-            raise ConflictError(
-                "exists",
-                f"{name}: exists; send If-Match with its ETag (or *) to replace or delete it",
-                where="If-Match",
-                expected=etag or "*",
-            )
+            text = f"{name}: exists; send If-Match with its ETag (or *) to replace or delete it"
+            raise ConflictError("exists", text, where="If-Match", expected=etag or "*")
         return exists
 
     def put_model(self, name: str, model: bc.Brdf, condition: Condition) -> bool:

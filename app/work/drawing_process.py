@@ -15,7 +15,7 @@ from brdf_service.work.subprocesses import Parent, told
 
 import brdfcore as bc
 
-#: Bytes of tables kept open, those of a page of pictures; what a material counts for at least: a model has no arrays.
+#: Bytes of tables kept open, those of a page of pictures; and those that a model counts for, which has no arrays.
 _TABLE_BYTES, _LEAST_BYTES = 64 * 2**20, 64 * 2**10
 
 

@@ -11,6 +11,7 @@ import signal
 import threading
 import time
 from collections import Counter
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -152,14 +153,11 @@ class Jobs:
             self._forget()
             job = self._jobs.get(id)
         if job is None:
-            raise NotFoundError(
-                "job_lost",
+            text = (
                 "no job of this id: it never was, ended more than an hour ago, was lost when the service restarted, or "
-                "is another replica's; its material tells whether it was done",
-                where="id",
-                got=id[:80],
-                expected="the id of a job of this process",
+                "is another replica's; its material tells whether it was done"
             )
+            raise NotFoundError("job_lost", text, where="id", got=id[:80], expected="the id of a job of this process")
         return job
 
     def ahead(self, job: Job) -> int:
@@ -196,10 +194,6 @@ class Jobs:
         if thread is not None:
             thread.join(timeout=5)
 
-    def clean(self) -> None:
-        """Remove what jobs of this machine left behind when their service was killed."""
-        self.store.folder.clean()
-
     def _forget(self) -> None:
         old = time.time() - KEPT_SECONDS
         for id in [id for id, job in self._jobs.items() if job.finished is not None and job.finished < old]:
@@ -229,7 +223,7 @@ class Jobs:
         """Do a job; the fields that its success changes."""
         said: dict[str, Any] = {}
         seconds = self.settings.job_seconds * _PATIENCE
-        with Child("job_process", errors=errors) as child, child.within(seconds):
+        with closing(Child("job_process", errors=errors)) as child, child.within(seconds):
             with self._lock:
                 job.child = child
                 if job.ended:  # cancelled in between
@@ -270,9 +264,8 @@ class Jobs:
             return BusyError("job_killed", text, retry_after=_RETRY)
         if -code == getattr(signal, "SIGXFSZ", 0):
             return bc.LimitError("table_too_large", "the table is larger than a request may make")
-        return bc.FileFormatError(
-            "job_crashed", "the process that read it ended before it was done: the file is damaged, or too large for it"
-        )
+        text = "the process that read it ended before it was done: the file is damaged, or too large for it"
+        return bc.FileFormatError("job_crashed", text)
 
 
 def _failed(job: Job, error: Exception) -> dict[str, Any]:

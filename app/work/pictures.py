@@ -34,26 +34,21 @@ def draw(brdf: bc.Brdf, picture: Picture) -> bytes:
 def _slice(
     brdf: bc.Brdf, title: str, *, theta_i: list[float], view: str, scale: str, channel: str | None, format: str
 ) -> bytes:
-    angles = np.array(theta_i)
+    looks: dict[str, Any] = {"scale": scale, "channel": channel, "title": title}
     if view == "polar":
-        figure = bc.plot.polar(brdf, angles, scale=scale, channel=channel, title=title)
-    else:
-        figure = bc.plot.hemisphere(brdf, float(angles[0]), scale=scale, channel=channel, title=title)
-    drawn: bytes = bc.plot.render(figure, format)
-    return drawn
+        return bytes(bc.plot.render(bc.plot.polar(brdf, np.array(theta_i), **looks), format))
+    return bytes(bc.plot.render(bc.plot.hemisphere(brdf, theta_i[0], **looks), format))
 
 
 def _coverage(brdf: bc.Brdf, title: str, *, theta_i: list[float] | None, format: str) -> bytes:
     figure = bc.plot.coverage(brdf, None if theta_i is None else np.array(theta_i), title=title)
-    drawn: bytes = bc.plot.render(figure, format)
-    return drawn
+    return bytes(bc.plot.render(figure, format))
 
 
 def _sphere(brdf: bc.Brdf, title: str, *, light: str, size: int, channel: str | None) -> bytes:
     dpi = size / _SPHERE_INCHES[0]
     figure = bc.plot.sphere(brdf, light, channel=channel, title=title, size=_SPHERE_INCHES, dpi=dpi)
-    drawn: bytes = bc.plot.render(figure, "png")
-    return drawn
+    return bytes(bc.plot.render(figure, "png"))
 
 
 KINDS: dict[str, Callable[..., bytes]] = {"slice": _slice, "sphere": _sphere, "coverage": _coverage}

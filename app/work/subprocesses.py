@@ -23,7 +23,7 @@ _LONGEST_LINE = 2**20
 
 
 class Child:
-    """A process that was just started; leaving its `with` ends it. All but `kill` belongs to one thread at a time.
+    """A process that was just started; `close` it. All but `kill` belongs to one thread at a time.
 
     module   its name in this package.
     errors   where its stderr goes; default: to that of the service.
@@ -31,20 +31,13 @@ class Child:
     """
 
     def __init__(self, module: str, *, errors: IO[bytes] | None = None, **changes: str) -> None:
-        pipe = subprocess.PIPE
-        command = [sys.executable, "-P", "-m", f"{__package__}.{module}"]
+        pipe, command = subprocess.PIPE, [sys.executable, "-P", "-m", f"{__package__}.{module}"]
         self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=errors, env=_environment(changes))
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         self._to, self._from = self.process.stdin, self.process.stdout
         #: True if it was ended because it took too long.
         self.late = False
-
-    def __enter__(self) -> Child:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def kill(self) -> None:
         """End it: who waits for its answer hears that it has ended."""
@@ -61,17 +54,18 @@ class Child:
     @contextlib.contextmanager
     def within(self, seconds: float) -> Iterator[None]:
         """End it if the block takes longer."""
-        timer = threading.Timer(seconds, self._give_up)
+
+        def give_up() -> None:
+            self.late = True
+            self.kill()
+
+        timer = threading.Timer(seconds, give_up)
         timer.daemon = True
         timer.start()
         try:
             yield
         finally:
             timer.cancel()
-
-    def _give_up(self) -> None:
-        self.late = True
-        self.kill()
 
     def send(self, task: dict[str, Any]) -> None:
         """Give it a task."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -59,7 +60,7 @@ def test_errors_travel_as_names_of_errors_only() -> None:
 
 
 def test_a_child_that_is_late_and_one_that_has_ended() -> None:
-    with Child("drawing_process") as child:
+    with closing(Child("drawing_process")) as child:
         with child.within(0.2):
             assert child.hear() is None  # it waits for a task
         assert child.late
