@@ -218,7 +218,7 @@ def test_serve_hands_over_its_settings(run: Run, monkeypatch: pytest.MonkeyPatch
             got.update(settings)
             return 3
 
-    monkeypatch.setitem(sys.modules, "app.main", Service)
+    monkeypatch.setitem(sys.modules, "brdf_service.main", Service)
     assert run("serve", "--port", "0", "--data", "x", "--no-starter", "--cache-bytes", "1MiB")[0] == 3
     assert {k: v for k, v in got.items() if v is not None} == {
         "port": 0,
