@@ -27,6 +27,7 @@ from brdfcore.tables.base.sampled import (
     bad_field,
     check_interpolation,
     stored_interpolation,
+    without_subnormals,
 )
 from brdfcore.tables.base.table import (
     DELTA_NODES,
@@ -252,6 +253,7 @@ def _sample(
         part = source.evaluate(*angles)
         with np.errstate(over="ignore"):  # reported as not finite below
             values[start:stop] = part
+        without_subnormals(values[start:stop])
         if not np.isfinite(values[start:stop]).all():
             i, o, d, c = (int(k) for k in np.argwhere(~np.isfinite(values[start:stop]))[0])
             got = float(part[i, o, d, c])

@@ -34,6 +34,7 @@ from brdfcore.tables.base.sampled import (
     bad_field,
     check_interpolation,
     stored_interpolation,
+    without_subnormals,
 )
 from brdfcore.tables.base.table import DELTA_NODES, BuildOptions, Progress, checked_delta, sampled_delta
 
@@ -334,7 +335,7 @@ def _sample(
                 if "reciprocal" in fold and not source.reciprocal:
                     g = 0.5 * (g + source.evaluate(theta_o, theta_i, delta_phi))
                 f = 0.5 * (f + g)
-            single = f.astype(np.float32)
+            single = without_subnormals(f.astype(np.float32))
         if not np.isfinite(single).all():
             k, c = (int(x) for x in np.argwhere(~np.isfinite(single))[0])
             degrees = [round(float(np.degrees(a[k])), 6) for a in (theta_i, theta_o, delta_phi)]

@@ -30,6 +30,17 @@ INTERPOLATION = Parameter(
 _ORDERS = {"nearest": 1.5, "linear": 2.5, "monotone_cubic": 4.5}
 
 
+#: Float32 node values below this, 1/sr, are stored as 0: far below any light, and a look-up that multiplies one by an
+#: interpolation weight (down to 2^-24) would meet subnormal numbers, which cost the processor a hundred times as long.
+SMALLEST_NODE = 2.0**-100
+
+
+def without_subnormals(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """`values` with what is smaller than `SMALLEST_NODE` set to 0, in place."""
+    values[np.abs(values) < SMALLEST_NODE] = 0
+    return values
+
+
 class SampledTable(Table):
     """A table of nodes, interpolated by one of `INTERPOLATIONS`, with an optional delta part.
 

@@ -17,6 +17,7 @@ from brdfcore.kernels.machine import launch
 from brdfcore.kernels.tables import trilinear
 from brdfcore.metrics import FLAG_DEFECT, reciprocity_defect
 from brdfcore.tables.angle_grid import AngleGrid
+from brdfcore.tables.base.sampled import SMALLEST_NODE
 from brdfcore.tables.base.table import BuildOptions
 from tests.support.sources import Constant, Multilinear, Skewed
 
@@ -243,6 +244,15 @@ def test_negatives_are_kept_or_zeroed_and_counted() -> None:
     assert zeroed.non_negative
     assert zeroed.to_arrays()["values"].min() == 0
     assert any(str(count) in sentence for sentence in zeroed.report["done"])
+
+
+@pytest.mark.parametrize("representation", ["angle_grid", "half_angle_grid"])
+def test_no_node_is_subnormal(representation: str) -> None:
+    """A lobe of roughness .1 falls below float32's normal numbers, which a look-up pays for threefold."""
+    lobe = bc.model("cook_torrance", roughness=0.1, ior="gold")
+    values = np.abs(bc.tabulate(lobe, representation, shape=(19, 19, 37)).to_arrays()["values"])
+    assert (values == 0).any()
+    assert values[values > 0].min() >= SMALLEST_NODE
 
 
 def test_a_mirror_stays_a_delta() -> None:
