@@ -18,9 +18,10 @@ from tests.benchmarks.pages import held
 from tests.support.pages import ROOT, blocks, environment, follow
 
 README = ROOT / "README.md"
-PAGES = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = sorted((ROOT / "docs").glob("*.md"))
+PAGES = [README, ROOT / "CONTRIBUTING.md", *DOCS]
 #: Pages of docs/ with something to run.
-RUN = [p for p in PAGES if p.parent.name == "docs" and {"sh", "python"} & {kind for kind, _ in blocks(p)}]
+RUN = [p for p in DOCS if {"sh", "python"} & {kind for kind, _ in blocks(p)}]
 
 needs_curl = pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
 
@@ -57,6 +58,7 @@ def address(project: Path) -> Iterator[str]:
 
 
 @needs_curl
+@pytest.mark.slow
 def test_readme_from_an_empty_folder(address: str, project: Path) -> None:
     follow(README, project, address)
     assert (project / "again.bsdf").read_bytes() == (project / "paint.bsdf").read_bytes()
@@ -67,6 +69,7 @@ def test_readme_from_an_empty_folder(address: str, project: Path) -> None:
 
 
 @needs_curl
+@pytest.mark.slow
 @pytest.mark.parametrize("page", RUN, ids=lambda p: p.stem)
 def test_page_from_an_empty_folder(page: Path, address: str, tmp_path: Path) -> None:
     follow(page, tmp_path, address)

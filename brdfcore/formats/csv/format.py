@@ -73,19 +73,21 @@ class CsvFormat(Format):
     writable = True
 
     def sniff(self, head: bytes) -> bool:
-        """Rows of numbers, or a header naming angles: the first line that is no comment decides."""
+        """Rows of numbers, a header naming angles, or a header of any names above a row of as many numbers."""
         if b"\0" in head or not head.strip():
             return False
         lines = head.decode("latin-1").splitlines()
         rows = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
         if not rows:
             return lines[0].startswith(_TITLE)
-        cells = re.split(r"[,;\t]|\s+", rows[0].strip().lower())
-        if len(cells) < 4 or rows[0].lstrip()[:1] in "{[<":
+        separator = next((s for s in ",;\t" if s in rows[0]), None)  # None: any blanks
+        first, second = ([c.strip() for c in row.lower().split(separator) if c.strip()] for row in [*rows, ""][:2])
+        if len(first) < 4 or rows[0].startswith(("{", "[", "<", "VARS")):
             return False
-        if any("theta" in c for c in cells) or any(c.startswith("f_r") for c in cells):
-            return not rows[0].startswith("VARS")
-        return all(re.fullmatch(r"[-+0-9.e]+|nan|inf", c) for c in cells if c)
+        if any("theta" in c or c.startswith("f_r") for c in first):
+            return True
+        numbers = [all(re.fullmatch(r"[-+0-9.e]+|nan|inf", c) for c in cells) for cells in (first, second)]
+        return numbers[0] or (numbers[1] and len(second) == len(first))
 
     def read(self, path: Path, **options: Any) -> Brdf:
         """Read a file; raises `FileFormatError` naming file, line and field, `StorageError` if it can't be opened."""

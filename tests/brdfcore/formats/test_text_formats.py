@@ -71,6 +71,18 @@ def test_each_missing_option_is_named(tmp_path: Path) -> None:
     assert rows_of(path, **given).channels == ("R", "G")
 
 
+@pytest.mark.parametrize("head", ["ti,to,dp,red", "Angle in;Angle out;Azimuth;BRDF", "a b c d", "a\tb b\tc\td"])
+def test_a_table_of_an_instrument_is_told_by_its_rows(head: str, tmp_path: Path) -> None:
+    """Any names above as many numbers: then options say what they are, not `--from`."""
+    separator = next((s for s in ";,\t" if s in head), " ")
+    rows = [separator.join(map(str, row)) for row in ((10, 20, 180, 0.5), (10, 30, 180, 0.4))]
+    (tmp_path / "x.txt").write_text("\n".join(["# an instrument", head, *rows]))
+    assert bc.sniff(tmp_path / "x.txt") == "csv"
+    (tmp_path / "y.txt").write_text("\n".join([head, "some words here too", *rows]))
+    with pytest.raises(bc.FileFormatError):
+        bc.sniff(tmp_path / "y.txt")
+
+
 def test_columns_by_number_units_and_quantities(tmp_path: Path) -> None:
     path = wrote(tmp_path, "# no header\n 0.5;0.1;0.6;0.4 ; 0.25\n0.5;0.1;0.7;0.4;0.5\n")
     given = {"theta_i": "1", "phi_i": "2", "theta_o": "3", "phi_o": "4", "value": "5", "angles": "rad", "mirror": 0}

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
 import pytest
 
 from brdfcore.base.registry import MODELS
 from tests.benchmarks import model_pages
+from tests.benchmarks.pages import held
 
-PAGE = Path(__file__).parents[3] / "docs" / "models.md"
 COMMAND = "python -m tests.benchmarks.pages models"
 
 
 def test_page_holds_what_the_registry_says() -> None:
-    held = re.search(r"<!-- models -->\n(.*?)\n?<!-- /models -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert held, f"{PAGE.name} has no <!-- models --> marker"
-    assert held[1] == model_pages.text(), f"{PAGE.name} is not what the registry says; write it with: {COMMAND}"
+    assert held("docs/models.md", "models") == model_pages.text(), f"docs/models.md differs; write it with: {COMMAND}"
 
 
 @pytest.mark.parametrize("name", MODELS.entries)
