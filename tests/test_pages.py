@@ -68,6 +68,7 @@ def test_readme_from_an_empty_folder(address: str, project: Path) -> None:
         assert b"<svg" in (project / name).read_bytes(), name
 
 
+@pytest.mark.slow
 @needs_curl
 @pytest.mark.slow
 @pytest.mark.parametrize("page", RUN, ids=lambda p: p.stem)

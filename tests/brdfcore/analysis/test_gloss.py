@@ -21,6 +21,7 @@ from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import InputError
 from brdfcore.base.quadrature import composite, gauss_legendre
 from tests.shared import needs_shared, rgl_path
+from tests.support.tiers import first_fast
 
 COLLIMATED = [replace(g, source=(0.0, 0.0)) for g in GLOSS]
 
@@ -165,7 +166,7 @@ def test_a_lobe_far_narrower_than_the_receptor(geometry: Geometry) -> None:
     assert found.error[0] <= 0.005
 
 
-@pytest.mark.parametrize("roughness", [1e-6, 1e-4])
+@pytest.mark.parametrize("roughness", first_fast(1e-4, 1e-6))
 def test_lobes_become_a_mirror(roughness: float) -> None:
     """The flux that a mirror's image would bring, less a tail of the order of the squared roughness."""
     b = bc.model("cook_torrance", roughness=roughness, ior=1.5168, distribution="beckmann")
@@ -174,7 +175,7 @@ def test_lobes_become_a_mirror(roughness: float) -> None:
 
 @needs_shared
 @pytest.mark.shared
-@pytest.mark.parametrize("index", [0, 2])
+@pytest.mark.parametrize("index", first_fast(0, 2))
 def test_a_sharp_measurement(index: int) -> None:
     """To .1 GU of brute force on a plain grid, which has no other idea of where the lobe is; of 820 GU."""
     b = bc.read(rgl_path("chm_light_blue"))

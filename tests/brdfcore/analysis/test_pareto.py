@@ -38,6 +38,7 @@ def entry(name: str, nbytes: int, error: float, ns: float, kind: Any = "table") 
     return made
 
 
+@pytest.mark.slow
 def test_every_representation_that_can_hold_it_takes_part(gold: Pareto) -> None:
     names = {e.representation for e in gold.entries}
     can = {n for n in bc.representations() if REPRESENTATIONS.load(n).can_hold(gold.source)}
@@ -151,6 +152,7 @@ def test_what_others_do_on_the_machine_does_not_count() -> None:
     assert times["interrupted"] < 2 * times["work"]
 
 
+@pytest.mark.slow
 def test_the_usual_practice_gives_up_what_its_layout_can_not_hold() -> None:
     found = bc.pareto(Skewed(), sizes=(8_000,), rounds=2, directions=5_000)
     (usual,) = [e for e in found.entries if e.usual]
@@ -158,6 +160,7 @@ def test_the_usual_practice_gives_up_what_its_layout_can_not_hold() -> None:
     assert usual.error > 0.01
 
 
+@pytest.mark.slow
 def test_tables_stop_where_they_are_far_better_than_asked() -> None:
     sizes = tuple(8_000 * 2**k for k in range(8))
     found = bc.pareto(
@@ -268,6 +271,7 @@ def test_timing_orders_what_differs() -> None:
 
 
 @shared.needs_shared
+@pytest.mark.slow
 def test_a_measured_file_is_its_own_table() -> None:
     path = Path(shared.rgl_path("paper_white"))
     found = bc.pareto(

@@ -56,6 +56,7 @@ def planned(scene: dict[str, Any]) -> Plan:
     return bc.plan(scene, **FEW)
 
 
+@pytest.mark.slow
 def test_formulas_stay_formulas_and_equals_are_shared(planned: Plan) -> None:
     by_name = {name: c for c in planned.choices for name in c.names}
     assert [c.names for c in planned.choices] == [["wall"], ["satin", "satin-too"], ["mirror"], ["car"]]
@@ -88,6 +89,7 @@ def test_a_table_for_what_is_seen_says_where_it_ends(planned: Plan) -> None:
     assert table.error["view"] == list(planned.choices[-1].view)  # what the error speaks of
 
 
+@pytest.mark.slow
 def test_what_can_not_win_is_not_built() -> None:
     """Past the smallest that is right and quick enough, only what could be so much faster as to rule it out."""
     scene = {"budget": {"error": 0.01, "ns": 1000}, "materials": [{"name": "satin", **SATIN}]}
@@ -99,6 +101,7 @@ def test_what_can_not_win_is_not_built() -> None:
     assert all(e.nbytes <= 8_000 for e in tables)
 
 
+@pytest.mark.slow
 def test_the_smallest_is_looked_for_between_sizes(folder: Path) -> None:
     car = {"name": "car", "file": str(folder / "paint.h5"), "error": 0.02}
     found = bc.plan(

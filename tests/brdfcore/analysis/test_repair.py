@@ -94,6 +94,7 @@ def test_energy() -> None:
     assert not fixed.reciprocal
 
 
+@pytest.mark.slow
 def test_energy_with_reciprocity_keeps_both() -> None:
     fixed = repair(published(), ["energy", "reciprocity"], directions=2_000)
     assert fixed.reciprocal

@@ -42,6 +42,7 @@ def test_tolerance_picks_the_fastest_that_meets_it() -> None:
     assert sharp.nbytes < 1_000_000
 
 
+@pytest.mark.slow
 def test_a_tighter_tolerance_takes_more_nodes() -> None:
     loose, tight = (bc.tabulate(gold(0.3), "half_difference", tolerance=t) for t in (0.005, 0.0007))
     assert loose.error["l1"] <= 0.005

@@ -123,6 +123,7 @@ def test_mistakes_are_told(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_repair_makes_a_table(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "phong.h5"
     small = ("--representation", "angle_grid", "--tolerance", "0.05")

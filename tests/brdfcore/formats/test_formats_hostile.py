@@ -14,15 +14,15 @@ import brdfcore as bc
 from brdfcore.base.registry import FORMATS
 from brdfcore.formats.base.foreign import FOREIGN
 from tests.support.format_examples import example
+from tests.support.tiers import first_fast
+
 
 #: Of the several hundred files made of an example; `python -m tests.support.hostile NAME FOLDER 0 1` reads them all.
-FILES = 90
-
-
+@pytest.mark.parametrize("files", first_fast(30, 120))
 @pytest.mark.parametrize("name", bc.formats())
-def test_hostile_files(name: str, tmp_path: Path) -> None:
+def test_hostile_files(name: str, files: int, tmp_path: Path) -> None:
     """Each is read or refused with an error that names file and place, in a second, in 200 MB beside what was there."""
-    command = [sys.executable, "-m", "tests.support.hostile", name, str(tmp_path), str(FILES), "1"]
+    command = [sys.executable, "-m", "tests.support.hostile", name, str(tmp_path), str(files), "1"]
     root = Path(__file__).parents[3]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=120, cwd=root, env={**os.environ, "PYTHONPATH": str(root)}
@@ -30,8 +30,8 @@ def test_hostile_files(name: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr[-2_000:]
     found = json.loads(done.stdout.splitlines()[-1])
     assert not found["wrong"], "\n".join(found["wrong"][:20])
-    assert found["refused"] + found["read"] >= FILES
-    assert found["refused"] >= FILES // 3, found
+    assert found["refused"] + found["read"] >= files
+    assert found["refused"] >= files // 3, found
     seconds, label = found["slowest"]
     assert seconds <= 1.0, f"{label}: {seconds:.2f} s of processor time until it was refused"
     megabytes, label = found["largest"]

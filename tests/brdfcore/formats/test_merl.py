@@ -47,6 +47,7 @@ def written(b: bc.Brdf, path: Path) -> list[str]:
 # ---- full size -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_full_size_against_an_independent_reader(tmp_path: Path) -> None:
     """Model to file, 35 MB; the file's numbers are the model's in the middle of the cells; both readers agree; nearest
     look-ups are those of the usual code; the second writing is the first to the byte."""

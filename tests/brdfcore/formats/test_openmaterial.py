@@ -111,6 +111,7 @@ def test_channels_and_wavelengths(tmp_path: Path) -> None:
 
 
 @scattered
+@pytest.mark.slow
 def test_rows_of_others_are_measurements(tmp_path: Path) -> None:
     path = put(tmp_path, document(rows((4.5e-7, 6.5e-7))))
     b = bc.read(path)

@@ -27,7 +27,10 @@ real = [
     pytest.mark.shared,
     pytest.mark.skipif(not (FILES and REFERENCE.exists()), reason="the real RGL files are not beside the project"),
 ]
-needs_files = [pytest.param(p, marks=real, id=p.stem) for p in FILES] or [pytest.param(None, marks=real, id="no files")]
+#: The first two in every run.
+needs_files = [
+    pytest.param(p, marks=[*real, pytest.mark.slow] if k > 1 else real, id=p.stem) for k, p in enumerate(FILES)
+] or [pytest.param(None, marks=real, id="no files")]
 
 
 @pytest.fixture(scope="module")

@@ -22,6 +22,7 @@ from brdfcore.formats.csv import format as csv_file
 from tests.benchmarks.holdout import PTFE, SOLAR_ARRAY
 from tests.brdfcore.conftest import Run
 from tests.support import goniometer
+from tests.support.tiers import first_fast
 
 OWN = "theta_i_deg,theta_o_deg,delta_phi_deg,f_r_value\n"
 ROWS = "".join(f"{i},{o},{d},0.{i}{o}{d}\n" for i in (10, 40) for o in (20, 50) for d in (0, 90, 180))
@@ -122,7 +123,7 @@ def test_astm(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("format", "suffix"), [("astm", ".astm"), ("csv", ".csv")])
-@pytest.mark.parametrize("two_sided", [False, True])
+@pytest.mark.parametrize("two_sided", first_fast(False, True))
 def test_written_and_read_to_the_same_bits(format: str, suffix: str, two_sided: bool, tmp_path: Path) -> None:
     made = goniometer.measured(goniometer.paint(), both_sides=two_sided, lights=3, viewers=4, turns=5)
     b = to_brdf(made)

@@ -37,6 +37,7 @@ def test_auto_finds_the_smallest_degree() -> None:
     )
 
 
+@pytest.mark.slow
 def test_auto_refuses_with_numbers() -> None:
     with pytest.raises(bc.LimitError, match="half_difference does it in") as caught:
         bc.project(bc.model("cook_torrance", roughness=0.001, ior="gold"), "auto", tolerance=0.05)

@@ -15,6 +15,7 @@ from brdfcore.harmonics.legendre import legendre
 from brdfcore.harmonics.targets import TARGETS, count
 from brdfcore.harmonics.windows import WINDOWS, step_response
 from tests.support.formulas import Formula, evaluated_error, lopsided
+from tests.support.tiers import first_fast
 
 # ---- coefficients that are known ------------------------------------------------------------------
 
@@ -34,7 +35,7 @@ def test_lambert_is_one_coefficient() -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("bilateral", [True, False], ids=["bilateral", "not bilateral"])
+@pytest.mark.parametrize("bilateral", first_fast(True, False), ids=["bilateral", "not bilateral"])
 def test_a_sum_of_basis_functions_comes_back(target: str, bilateral: bool) -> None:
     """Random coefficients, two channels, not reciprocal: evaluated by Legendre functions, found again by projection."""
     lmax, kind = 4, TARGETS[target]

@@ -165,6 +165,7 @@ def exact_over_x(l: int, m: int) -> Any:  # noqa: E741
         return norm * 2 * a * mp.gegenbauer(l - m - 1, a + 1, 0)
 
 
+@pytest.mark.slow
 def test_orthonormal_to_degree_1024() -> None:
     """int p_l^m p_l'^m dx = delta/(2 pi) on composite Gauss-Legendre nodes, orders 0, 7, 500 and 1020."""
     from brdfcore.base.quadrature import composite

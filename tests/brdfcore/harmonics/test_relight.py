@@ -13,6 +13,7 @@ from brdfcore.harmonics.transfer import Transfer, relight
 from tests.brdfcore.harmonics.test_light import sky
 from tests.brdfcore.harmonics.test_rotation import ROTATIONS, directions
 from tests.support.sources import Skewed
+from tests.support.tiers import first_fast
 
 LMAX = 10
 
@@ -62,7 +63,7 @@ def test_it_is_the_integral_of_the_expansion_times_the_light(glossy: HarmonicExp
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("target", ["f", "f_cos_o"])
+@pytest.mark.parametrize("target", first_fast("f_cos_o", "f"))
 def test_other_targets(target: str) -> None:
     made = expanded(bc.model("oren_nayar", sigma=0.5), 6, target=target)
     light = Light.from_map(sky()[..., 1], 7)

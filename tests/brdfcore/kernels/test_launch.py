@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from tests.support.tiers import first_fast
+
 ROOT = Path(__file__).parents[3]
 
 
@@ -63,7 +65,7 @@ def test_without_the_tbb_package_another_layer_serves() -> None:
     assert answer["wrong"] == 0
 
 
-@pytest.mark.parametrize("seconds", [2, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seconds", first_fast(2, 30))
 def test_eight_threads_on_every_layer(seconds: int) -> None:
     children = {layer: start("threads", str(seconds), NUMBA_THREADING_LAYER=layer) for layer in installed_layers()}
     answers = {layer: finish(child, timeout=seconds + 120) for layer, child in children.items()}
@@ -74,17 +76,18 @@ def test_eight_threads_on_every_layer(seconds: int) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
-def test_forked_child_answers_on_every_layer() -> None:
-    children = {layer: start("fork", NUMBA_THREADING_LAYER=layer) for layer in installed_layers()}
-    for layer, child in children.items():
-        assert finish(child) == {"layer": layer, "same": True, "threads_in_child": 1}
+@pytest.mark.parametrize("layer", first_fast("omp", "tbb", "workqueue"))
+def test_forked_child_answers(layer: str) -> None:
+    if layer not in installed_layers():
+        pytest.skip(f"the library of the {layer} layer is not installed")
+    assert finish(start("fork", NUMBA_THREADING_LAYER=layer)) == {"layer": layer, "same": True, "threads_in_child": 1}
 
 
 def test_spawned_child_answers() -> None:
     assert finish(start("spawn")) == {"same": True, "exitcode": 0}
 
 
-@pytest.mark.parametrize("temporary", ["writable", "unwritable"])
+@pytest.mark.parametrize("temporary", first_fast("unwritable", "writable"))
 def test_unwritable_home_and_package(tmp_path: Path, temporary: str) -> None:
     """Blocked by files where folders would have to be: that stops root as well, permissions would not."""
     root = tmp_path / "installed"

@@ -42,6 +42,7 @@ def test_l1_against_a_deterministic_integral() -> None:
     assert 1e-4 < found.l1_stderr < 3e-3
 
 
+@pytest.mark.slow
 def test_standard_error_is_the_spread_over_seeds() -> None:
     a = bc.model("cook_torrance", roughness=0.3, ior="gold")
     b = bc.model("cook_torrance", roughness=0.32, ior="gold")
@@ -110,6 +111,7 @@ class Wide(Constant):
     energy_conserving = False
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_channels() -> None:
     tracemalloc.start()
     try:

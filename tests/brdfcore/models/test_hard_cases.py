@@ -83,6 +83,7 @@ def test_the_lobes_and_roughnesses_are_all_combined() -> None:
     assert len({(k % len(ROUGHNESS), k % len(LOBES)) for k in range(1500)}) == len(ROUGHNESS) * len(LOBES)
 
 
+@pytest.mark.slow
 def test_angles_agree_with_mpmath() -> None:
     counted = 0
     for pair, chosen, model in sample(3000, seed=1):

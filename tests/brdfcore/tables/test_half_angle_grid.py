@@ -216,6 +216,7 @@ def test_nearest_is_the_floor_of_the_coordinates() -> None:
     assert np.mean(table.evaluate(*angles.T) == expected) > 0.999
 
 
+@pytest.mark.slow
 def test_half_a_cell_matters() -> None:
     """Nodes taken for the lower edges of their cells, the classic mistake, cost twenty times the layout's error."""
     source = bc.model("cook_torrance", roughness=0.1, ior="gold")

@@ -20,6 +20,7 @@ from brdfcore.tables.half_difference import HalfDifference
 from tests import shared
 from tests.benchmarks.accuracy import reference_l1
 from tests.support.sources import Skewed
+from tests.support.tiers import first_fast
 
 
 def gold(roughness: float, distribution: str = "beckmann") -> bc.Brdf:
@@ -183,8 +184,8 @@ def test_conforms(name: str, tables: dict[str, HalfDifference], tmp_path: Path) 
     testing.check_table(tables[name], tmp_path)
 
 
-@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
-@pytest.mark.parametrize("roughness", [1.0, 0.1, 0.01, 0.003])
+@pytest.mark.parametrize("distribution", first_fast("ggx", "beckmann"))
+@pytest.mark.parametrize("roughness", first_fast(0.1, 1.0, 0.01, 0.003))
 def test_a_lobe_of_any_width(roughness: float, distribution: str) -> None:
     """Within 128 kB: L1 below .002, where the plain grid of 5.8 MB is off by .0004 to 3."""
     table = build(gold(roughness, distribution), (63, 31, 31))
@@ -193,6 +194,7 @@ def test_a_lobe_of_any_width(roughness: float, distribution: str) -> None:
     assert table.error["negatives"] == 0
 
 
+@pytest.mark.slow
 def test_a_spike_on_a_broad_lobe() -> None:
     """A lobe of one degree on one of thirty: spacing follows the error."""
     spike = 0.02 * gold(0.015) + 0.9 * gold(0.5)
@@ -200,6 +202,7 @@ def test_a_spike_on_a_broad_lobe() -> None:
     assert table.error["l1"] < 0.004
 
 
+@pytest.mark.slow
 def test_a_lobe_around_the_mirror_direction() -> None:
     """Phong's, which has another width at each theta_d in half/difference coordinates: off by .017 in 1 MB there."""
     table = build(bc.model("phong", exponent=2_000), (63, 31, 31))
@@ -208,11 +211,13 @@ def test_a_lobe_around_the_mirror_direction() -> None:
     assert not build(gold(0.2)).mirror
 
 
+@pytest.mark.slow
 def test_fast_and_slow_growth_towards_the_horizon() -> None:
     assert build(gold(0.3)).factor == "sum"
     assert bc.tabulate(bc.model("lambert"), "half_difference", shape=(8, 8, 8)).error["l1"] < 2e-3
 
 
+@pytest.mark.slow
 def test_folds() -> None:
     """Asked for, a fold makes the table symmetric, and the error says what that costs."""
     plain = build(Skewed(), (32, 16, 16))
@@ -295,6 +300,7 @@ def test_bad_attributes(attributes: dict[str, object], tables: dict[str, HalfDif
 
 @shared.needs_shared
 @pytest.mark.parametrize("name", ["chm_light_blue", "cg_sunflower", "paper_white"])
+@pytest.mark.slow
 def test_measured_materials(name: str) -> None:
     """768 kB, three channels: the worse half's reference L1 stays below .03 (first tries: .128, .084, .002)."""
     source = bc.read(shared.rgl_path(name))
@@ -314,7 +320,7 @@ def test_real_data_is_not_reciprocal_and_stays_so() -> None:
     assert reciprocity_defect(table) == pytest.approx(reciprocity_defect(source), rel=0.1)
 
 
-@pytest.mark.parametrize("roughness", [0.3, 0.1, 0.01])
+@pytest.mark.parametrize("roughness", first_fast(0.1, 0.3, 0.01))
 def test_energy_at_the_horizon(roughness: float) -> None:
     """Albedo within 3 % at 89.9 degrees, where a table without the guide along theta_d is off by 14 %."""
     source = gold(roughness, "ggx")

@@ -20,6 +20,7 @@ from brdfcore.tables.angle_grid import AngleGrid
 from brdfcore.tables.base.sampled import INTERPOLATIONS
 from brdfcore.tables.half_angle_grid import HalfAngleGrid
 from tests.support.sources import Skewed
+from tests.support.tiers import first_fast
 
 HALF, THREE = 0.5, 3.0
 
@@ -248,7 +249,7 @@ def test_a_symmetric_table_stays_reciprocal(interpolation: str) -> None:
     assert reciprocity_defect(grid) <= FLAG_DEFECT
 
 
-@pytest.mark.parametrize("representation", ["angle_grid", "half_angle_grid"])
+@pytest.mark.parametrize("representation", first_fast("angle_grid", "half_angle_grid"))
 def test_accuracy_rises_from_nearest_to_cubic(representation: str) -> None:
     source = bc.model("cook_torrance", roughness=0.3, ior="gold")
     found = {

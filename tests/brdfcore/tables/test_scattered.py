@@ -100,6 +100,7 @@ def test_measured_in_the_plane_of_incidence_only() -> None:
     testing.check_signature(b)
 
 
+@pytest.mark.slow
 def test_two_sided_measurements_keep_both_sides() -> None:
     skewed = Skewed()
     m = goniometer.measured(skewed, both_sides=True, lights=5, viewers=7, turns=8)
@@ -192,6 +193,7 @@ def test_many_measurements_use_their_neighbours() -> None:
 
 @needs_shared
 @pytest.mark.parametrize(("name", "limit"), [("garnet_red", 0.05), ("cayman", 0.06)])
+@pytest.mark.slow
 def test_held_out_geometries(name: str, limit: float) -> None:
     """A fifth left out, on every third channel; the benchmark `tests.benchmarks.holdout` takes all, and the others."""
     m = measurements(*FILES[name])
@@ -204,6 +206,7 @@ def test_held_out_geometries(name: str, limit: float) -> None:
 
 
 @needs_shared
+@pytest.mark.slow
 def test_ptfe() -> None:
     """Sintered PTFE reflects 98 % at normal incidence; a fifth of its geometries predicted to 1 %."""
     m = measurements(*FILES["ptfe"])

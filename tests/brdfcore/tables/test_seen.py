@@ -32,6 +32,7 @@ def limited() -> HalfDifference:
     return built(GOLD, SEEN)
 
 
+@pytest.mark.slow
 def test_less_error_where_it_is_seen_for_the_same_bytes(limited: HalfDifference) -> None:
     whole = built(GOLD, EVERYWHERE)
     assert limited.nbytes == whole.nbytes
@@ -40,6 +41,7 @@ def test_less_error_where_it_is_seen_for_the_same_bytes(limited: HalfDifference)
 
 
 @shared.needs_shared
+@pytest.mark.slow
 def test_a_measured_file_takes_half_the_bytes_for_the_same_error() -> None:
     paint = bc.read(shared.rgl_path("vch_golden_yellow"))
     seen = Seen((0.0, np.radians(60.0)), (np.radians(60.0), np.radians(85.0)))
@@ -89,6 +91,7 @@ def test_the_limit_is_stored_and_part_of_the_identity(limited: HalfDifference, t
     assert other.id != limited.id  # they answer differently: by their status
 
 
+@pytest.mark.slow
 def test_a_table_for_all_angles_is_what_it_was() -> None:
     whole = built(GOLD, EVERYWHERE)
     assert set(whole.attributes()) == {"scale", "factor", "mirror", "guide_low", "guide_step"}

@@ -19,6 +19,7 @@ from brdfcore.tables.angle_grid import AngleGrid
 from brdfcore.tables.base import file
 from tests.brdfcore.conftest import Run
 from tests.brdfcore.kernels.test_launch import finish, start
+from tests.support.tiers import first_fast
 
 FLAGS = {"bilateral": True, "reciprocal": False, "energy_conserving": False, "non_negative": False}
 
@@ -63,11 +64,12 @@ def test_header_alone(tmp_path: Path) -> None:
     assert header["code_version"] == bc.__version__
 
 
-def test_kill_9_loses_nothing(tmp_path: Path) -> None:
-    """50 kills; every time the file is one of the two tables, whole (checksums, finiteness, id)."""
-    answer = finish(start("killed_while_saving", str(tmp_path), "50"))
-    assert answer["kills"] == answer["whole"] == 50
-    assert answer["saves"] > 50, "the kills did not hit a working process"
+@pytest.mark.parametrize("kills", first_fast(10, 200))
+def test_kill_9_loses_nothing(kills: int, tmp_path: Path) -> None:
+    """Every time the file is one of the two tables, whole (checksums, finiteness, id)."""
+    answer = finish(start("killed_while_saving", str(tmp_path), str(kills)))
+    assert answer["kills"] == answer["whole"] == kills
+    assert answer["saves"] > kills, "the kills did not hit a working process"
     assert answer["leftovers_after_next_save"] == 0
 
 

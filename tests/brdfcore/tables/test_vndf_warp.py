@@ -21,6 +21,7 @@ from brdfcore.kernels.tables import warp
 from brdfcore.tables.base.table import BuildOptions
 from brdfcore.tables.vndf_warp import VndfWarp
 from tests.support.rgl_synthetic import Fields, fields_of, identity_fields, published_value
+from tests.support.tiers import first_fast
 
 REAL = Path(__file__).parents[3].parent / "shared" / "data" / "rgl" / "chm_light_blue_rgb.bsdf"
 FLAGS = dict.fromkeys(("bilateral", "reciprocal", "energy_conserving", "non_negative"), False)
@@ -178,7 +179,7 @@ def test_theta_index_finds_every_slice() -> None:
 # ---- the table ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("wavelengths", [0, 5])
+@pytest.mark.parametrize("wavelengths", first_fast(0, 5))
 def test_conformance(wavelengths: int, tmp_path: Path) -> None:
     path = tmp_path / "made.bsdf"
     path.write_bytes(encode(fields_of(wavelengths=wavelengths, thetas=4, normals=(12, 10))))
