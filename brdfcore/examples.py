@@ -37,6 +37,9 @@ def example_files(folder: str | PathLike[str], *, replace: bool = False, seed: i
     Both scans hold f_r (1 + 0.01 z) + 2e-4 z' with z, z' normal, drawn by `seed`: equal seeds write equal bytes. What
     reading makes of them can be compared with the truth: `compare(read("paint.json"), read("paint.csv"))`.
     `StorageError` where one of the files exists, unless `replace`.
+
+    >>> [path.name for path in bc.example_files("made")]
+    ['paint.json', 'paint.csv', 'paint.bsdf']
     """
     folder = Path(folder)
     paths = [folder / name for name in FILES]

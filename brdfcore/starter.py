@@ -59,6 +59,9 @@ def starter_library(folder: str | PathLike[str], progress: Progress | None = Non
 
     NAME.h5 holds a table, NAME.json a model with its parameters. Existing files are left as they are.
     Takes a few seconds; `progress(done, total, stage)` is called per material.
+
+    >>> [path.name for path in bc.starter_library("materials")][:3]
+    ['white-lambert.json', 'gold-satin.h5', 'gold-polished.json']
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

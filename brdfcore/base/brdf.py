@@ -47,6 +47,11 @@ class Brdf(ABC):
         True if a perfect mirror part exists; `evaluate` leaves it out, `delta_reflectance` gives it.
     metadata, report : mappings
         JSON-ready facts about the source; what an import found and what it did about it.
+
+    >>> white, gold = bc.model("lambert", reflectance=0.5), bc.model("mirror", ior="gold")
+    >>> both = white + 0.5 * gold
+    >>> both.has_delta, both.reciprocal, list(both.channels)
+    (True, True, ['value'])
     """
 
     channels: Channels = VALUE
@@ -133,6 +138,17 @@ class Brdf(ABC):
         InputError
             An angle is NaN, infinite or past the horizon (names argument, index and value); shapes do not
             broadcast; `out` does not fit.
+
+        >>> white = bc.model("lambert", reflectance=[0.8, 0.4, 0.2])
+        >>> (np.pi * white.evaluate([0.1, 0.2], 0.3, np.pi)).round(12)
+        array([[0.8, 0.4, 0.2],
+               [0.8, 0.4, 0.2]])
+        >>> white.evaluate(2.0, 0.3, np.pi)
+        Traceback (most recent call last):
+            ...
+        brdfcore.base.errors.InputError: ...
+        >>> white.evaluate(2.0, 0.3, np.pi, outside="nan")
+        array([nan, nan, nan])
         """
         if out is None and outside == "raise":
             one = conventions.plain_floats(theta_i, theta_o, delta_phi)
@@ -160,6 +176,10 @@ class Brdf(ABC):
 
         Vectors need not be unit. A zero, NaN or infinite vector is an `InputError`. Result shape is the
         broadcast shape without the last axis + (channels,); float32 if both inputs are float32.
+
+        >>> bc.model("lambert", reflectance=0.5).evaluate_vectors([0, 0, 1], [[0.5, 0, 0.8], [0.5, 0, -0.8]])
+        array([[0.15915494],
+               [0.        ]])
         """
         if self._takes_vectors:
             return self._evaluate_in_place(wi, wo, out)
@@ -193,7 +213,11 @@ class Brdf(ABC):
         return values
 
     def status(self, theta_i: npt.ArrayLike, theta_o: npt.ArrayLike, delta_phi: npt.ArrayLike) -> npt.NDArray[np.uint8]:
-        """Where each value comes from: `Status` codes, uint8, of the broadcast shape. OUTSIDE never raises."""
+        """Where each value comes from: `Status` codes, uint8, of the broadcast shape. OUTSIDE never raises.
+
+        >>> [bc.Status(code).name for code in bc.model("lambert").status([0.1, 2.0], 0.3, 3.0)]
+        ['MEASURED', 'OUTSIDE']
+        """
         angles = conventions.check_domain(conventions.flatten_angles(theta_i, theta_o, delta_phi), "nan")
         codes = self._status(*angles[:3])
         if angles.outside is not None:
@@ -201,7 +225,11 @@ class Brdf(ABC):
         return codes.reshape(angles.shape)
 
     def delta_reflectance(self, theta_i: npt.ArrayLike) -> FloatArray:
-        """Reflectance of the perfect mirror part, in [0, 1]; shape theta_i.shape + (channels,), float64."""
+        """Reflectance of the perfect mirror part, in [0, 1]; shape theta_i.shape + (channels,), float64.
+
+        >>> bc.model("mirror", ior=1.5).delta_reflectance(0.0)  # ((n - 1)/(n + 1))^2
+        array([0.04])
+        """
         angles = conventions.check_domain(conventions.flatten_angles(theta_i, 0.0, 0.0))
         values = self._delta_reflectance(np.minimum(angles.theta_i.astype(np.float64), conventions.HALF_PI))
         return values.reshape((*angles.shape, len(self.channels)))
@@ -213,6 +241,10 @@ class Brdf(ABC):
         and `azimuths` set the size of its panels, which are halved until the estimated error is below 5e-7 of
         max(1, albedo) for an analytic model, 1e-3 for anything else, or 4e5 evaluations an angle are spent. The error
         itself is far smaller (`albedo_error`). Shape theta_i.shape + (channels,), float64.
+
+        >>> bc.model("lambert", reflectance=0.5).albedo([0.0, 1.2]).round(6)
+        array([[0.5],
+               [0.5]])
         """
         return self._albedo(theta_i, points, azimuths, None, ALBEDO_BUDGET)[0]
 

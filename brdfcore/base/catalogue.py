@@ -13,6 +13,13 @@ def model(name: str, /, **parameters: Any) -> Brdf:
     """An analytic model: `model("cook_torrance", roughness=0.1, ior="gold")`.
 
     Raises `UnknownNameError` for an unknown model or parameter, `InputError` for a value out of bounds.
+
+    >>> bc.model("lambert", reflectance=0.5).evaluate(0.3, 0.2, 3.0)  # 0.5/pi
+    array([0.15915494])
+    >>> bc.model("mirror", ior=1.567).delta_reflectance(np.radians([20, 60, 85]))[:, 0].round(6)  # Fresnel's formulas
+    array([0.049078, 0.100056, 0.619148])
+    >>> bc.model("cook_torrance", roughness=0.1, fresnel="none").albedo(0.0).round(3)
+    array([1.])
     """
     made: Brdf = MODELS.load(name)(**parameters)
     return made
@@ -24,7 +31,11 @@ def models() -> dict[str, tuple[Parameter, ...]]:
 
 
 def representations() -> dict[str, tuple[Parameter, ...]]:
-    """Every table representation with what `tabulate` may be asked for."""
+    """Every table representation with what `tabulate` may be asked for.
+
+    >>> "angle_grid" in bc.representations()
+    True
+    """
     return _parameters(REPRESENTATIONS)
 
 

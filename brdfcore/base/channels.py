@@ -16,7 +16,11 @@ LONGEST_WAVE = 1e12
 
 
 class Channels(tuple[Any, ...]):
-    """Immutable tuple of channel names ("R", "G", "B"; "value") or wavelengths in nm, with its kind."""
+    """Immutable tuple of channel names ("R", "G", "B"; "value") or wavelengths in nm, with its kind.
+
+    >>> bc.Channels(["R", "G", "B"]).kind, bc.Channels([450.0, 550.0]).kind
+    ('name', 'wavelength')
+    """
 
     kind: ChannelKind
 

@@ -74,6 +74,11 @@ def to_rgb(b: Brdf, illuminant: str = "D65", *, space: str = "sRGB", largest_gap
                  from a few laser lines. `metadata` and the report say what was done.
 
     Raises `InputError` if the channels are no wavelengths, `UnknownNameError` for an illuminant that is not known.
+
+    >>> silver = bc.model("mirror", ior="silver", wavelengths=list(range(400, 701, 20)))
+    >>> grey = bc.model("lambert", reflectance=0.5) + 0 * silver  # the same at each wavelength
+    >>> (np.pi * bc.to_rgb(grey).evaluate(0.2, 0.3, 1.0)).round(3)
+    array([0.5, 0.5, 0.5])
     """
     if b.channels.kind != "wavelength":
         raise InputError(

@@ -337,5 +337,9 @@ def prepare_out(out: FloatArray | None, shape: tuple[int, ...], dtype: np.dtype[
 
 
 def to_radians(degrees: npt.ArrayLike) -> FloatArray:
-    """Degrees to radians by `numpy.radians`, the only conversion used at any entry point."""
+    """Degrees to radians by `numpy.radians`, the only conversion used at any entry point.
+
+    >>> bc.to_radians([0, 90, 180])
+    array([0.        , 1.57079633, 3.14159265])
+    """
     return np.asarray(np.radians(as_float("angle", degrees)))

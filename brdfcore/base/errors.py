@@ -21,6 +21,12 @@ class BrdfError(Exception):
     **context
         JSON-ready facts. Keys with a shared meaning: `where` (argument, field or file), `index`
         (position in the broadcast arrays), `got`, `expected`, `offset` (byte in a file), `hint`.
+
+    >>> try:
+    ...     bc.model("lambert", reflectance=2.0)
+    ... except bc.BrdfError as error:
+    ...     print(error.code, error.context["expected"], isinstance(error, ValueError))
+    bad_parameter [0, 1] True
     """
 
     def __init__(self, code: str, detail: str, **context: Any) -> None:

@@ -36,6 +36,10 @@ class Parameter:
     unit      "" for a pure number, else "rad", "nm", ...
     choices   legal values of kind "choice".
     aliases   other keyword names that mean the same.
+
+    >>> exponent = next(p for p in bc.models()["phong"] if p.name == "exponent")
+    >>> exponent.symbol, exponent.default, exponent.range_text()
+    ('n', 100.0, '[0, 2e+16]')
     """
 
     name: str

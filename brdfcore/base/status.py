@@ -13,6 +13,9 @@ class Status(IntEnum):
     EXTRAPOLATED  beyond the source's samples, continued from them.
     FILLED        set by a named policy, not by the source.
     OUTSIDE       outside the domain (below the horizon, not finite): no value.
+
+    >>> bc.Status(1), bc.Status.MEASURED < bc.Status.FILLED
+    (<Status.INTERPOLATED: 1>, True)
     """
 
     MEASURED = 0

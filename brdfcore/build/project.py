@@ -79,6 +79,11 @@ def project(
     LimitError
         A degree or size too large, or a tolerance that no allowed degree meets: it says which degree and how many
         bytes that would take, and which table does it in fewer.
+
+    >>> white = bc.model("lambert", reflectance=0.5)
+    >>> h = bc.project(white, 8)  # f c_i c_o is one term, of degree 1 in both directions
+    >>> h.evaluate(0.3, 0.2, 1.0).round(6), h.report["harmonics"]["truncation"]["target"] < 1e-6
+    (array([0.159155]), True)
     """
     kind, shape, wanted = target_named(target), window_named(window), positive("tolerance", tolerance)
     if lmax == "auto":

@@ -1,5 +1,8 @@
 """One file format a file. The package is also the public function `brdfcore.formats()`: a package of that
 name takes the place of a function of that name as soon as anything imports from it, so it is made callable.
+
+>>> [p.name for p in bc.formats()["rgl"]]
+['negatives']
 """
 
 from __future__ import annotations

@@ -37,6 +37,10 @@ class HarmonicExpansion(Series):
     """An expansion of f_r to degree `lmax`; what it leaves out rings, and may be negative.
 
     `report["harmonics"]` holds what `build_expansion` measured. Coefficients and arrays: `Series`.
+
+    >>> h = bc.project(bc.model("lambert", reflectance=0.5), 8)
+    >>> h.lmax, h.target, h.packed
+    (8, 'f_cos_cos', True)
     """
 
     name = "harmonic"

@@ -41,6 +41,11 @@ class Light:
                    them. They are kept as they are and never ring; `expanded` puts them into the coefficients.
 
     Raises `InputError` for shapes that don't fit and numbers that are not finite.
+
+    >>> sun = bc.Light.directional([0.0, 0.0, 1.0], 3.0)
+    >>> (2 * sun + sun).irradiances
+    array([[6.],
+           [3.]])
     """
 
     coefficients: Float64Array

@@ -65,6 +65,10 @@ def project_slice(
     """Expand what `b` reflects from theta_i (radians) to degree lmax: f c_o ("f_cos_o") or f ("f").
 
     Raises `InputError` for an angle outside [0, pi/2] or another target, `LimitError` for a degree too large.
+
+    >>> one = bc.project_slice(bc.model("lambert", reflectance=0.5), 0.3, 8)
+    >>> round(float(one.cosines[1, 0, 0]), 6), one.truncation["target"] < 1e-6  # (rho/pi) sqrt(pi/3), degree 1 alone
+    (0.325735, True)
     """
     lmax = checked_degree(lmax, MAX_LMAX)
     if target not in SLICE_TARGETS:

@@ -40,6 +40,10 @@ def harmonic_summary(expansion: HarmonicExpansion) -> dict[str, Any]:
         minimum, maximum, minimum_at   f_r, 1/sr; degrees
 
     An expansion that was opened from a file says what its report has kept.
+
+    >>> found = bc.harmonic_summary(bc.project(bc.model("lambert"), 8))
+    >>> found["coefficients"], found["larger_than_merl"], round(found["minimum"], 6)  # 0.5/pi
+    (40, False, 0.159155)
     """
     told = dict(expansion.report.get("harmonics", {}))
     light, viewer = spectrum(expansion)

@@ -306,6 +306,11 @@ def relight(
     numpy.ndarray
         Radiance, float64 (..., channels); 0 where the view is below the surface. How far it may be off near the
         horizon of the view: `Transfer.radiance`.
+
+    >>> white, up = bc.model("lambert", reflectance=0.5), [0.0, 0.0, 1.0]
+    >>> sun = bc.Light.directional([0.0, 3.0**0.5, 1.0], np.pi)  # at 60 degrees: rho/pi E cos(60)
+    >>> bc.relight(white, sun, normals=up, views=up).round(6)
+    array([0.25])
     """
     if not isinstance(light, Light):
         raise InputError("bad_light", "light: expected a brdfcore.Light, for example Light.from_map(pixels)")

@@ -1,5 +1,8 @@
 """One analytic model a file. The package is also the public function `brdfcore.models()`: a package of that
 name takes the place of a function of that name as soon as anything imports from it, so it is made callable.
+
+>>> list(bc.models())[:3]
+['lambert', 'mirror', 'phong']
 """
 
 from __future__ import annotations

@@ -122,6 +122,10 @@ def slice(
 
     Raises `InputError` for an angle outside its domain or a bad view or number of points, `UnknownNameError`
     for an unknown channel.
+
+    >>> data = bc.slice(bc.model("lambert", reflectance=0.5), np.radians([0.0, 30.0]))
+    >>> data.values.shape[0], float(data.values.max().round(6))
+    (2, 0.159155)
     """
     if view not in choices(View):
         raise InputError(

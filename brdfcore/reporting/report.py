@@ -101,6 +101,11 @@ def report(
     tables   folder for the chosen tables, made if absent; None writes none. A table is written if it is right enough,
              also where the formula was chosen over it.
     options  `sizes`, `representations`, `directions`, `rounds` of `pareto`.
+
+    >>> wall = {"wall": bc.model("lambert")}
+    >>> found = bc.report(wall, sizes=(8000,), representations=["angle_grid"], rounds=1, directions=20_000)
+    >>> found.render("md").decode().startswith("#")
+    True
     """
     if isinstance(subjects, Mapping):
         subjects = [Subject(label, b) for label, b in subjects.items()]

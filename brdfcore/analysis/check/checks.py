@@ -47,6 +47,10 @@ def check(b: Brdf, *, directions: int = 100_000, seed: int = 20_261_122) -> Chec
     An entry is held to what it declares (`FLAG_DEFECT`, relative, for a symmetry), and to `FAILS_ABOVE` in any case.
 
     Raises `InputError` if `directions` or `seed` is no whole number in range.
+
+    >>> found = bc.check(bc.model("lambert", reflectance=0.5))
+    >>> [f.name for f in found.findings if f.verdict != "pass"], found.findings[0].says
+    ([], 'largest albedo 0.5, margin 0.5')
     """
     draws: dict[str, Any] = {"directions": directions, "seed": seed}
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is a finding, not a warning

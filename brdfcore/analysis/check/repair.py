@@ -107,6 +107,10 @@ def repair(b: Brdf, repairs: str | Iterable[str], *, directions: int = 100_000, 
     finite stay as they are.
 
     Raises `InputError` for no repair or an unknown one.
+
+    >>> bright = 2.5 * bc.model("lambert", reflectance=0.5)  # reflects 1.25 of what arrives
+    >>> bc.repair(bright, "energy").albedo(0.5).round(2)
+    array([1.])
     """
     chosen = _chosen(repairs)
     theta = np.radians(BIAS_ANGLES)

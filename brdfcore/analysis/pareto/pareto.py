@@ -149,6 +149,11 @@ def pareto(
     ------
     InputError
         A bad option, or a source that no representation can hold.
+
+    >>> few = {"sizes": (8000,), "representations": ["angle_grid"], "rounds": 1, "directions": 20_000}
+    >>> found = bc.pareto(bc.model("lambert"), **few)
+    >>> sorted({entry.representation for entry in found.entries})
+    ['angle_grid', 'lambert']
     """
     tolerance, room = positive("tolerance", tolerance), positive("max_bytes", max_bytes)
     smallest_error = tolerance is None and room is not None

@@ -141,6 +141,11 @@ def plan(
     unless that makes it at least `SLOWEST` times faster. Nothing is written: see `analysis.plan.build.build`.
 
     sizes, directions, representations are those of `pareto`. Raises what `read_scene` raises.
+
+    >>> scene = {"materials": [{"name": "wall", "model": "lambert", "parameters": {"reflectance": 0.8}}]}
+    >>> found = bc.plan(scene, sizes=(8000,), representations=["angle_grid"], directions=20_000)
+    >>> [(choice.names, choice.entry.representation) for choice in found.choices]
+    [(['wall'], 'lambert')]
     """
     found = scene if isinstance(scene, Scene) else read_scene(scene)
     groups: dict[str, list[SceneMaterial]] = {}

@@ -68,6 +68,11 @@ def convert(
     format   registry name; None chooses by the extension, as `io.write` does.
     options  of the format's writer.
     Raises what `io.write` and `io.read` raise; a material that a format can't hold is an `InputError`.
+
+    >>> grid = bc.read(bc.example_files(".")[2])
+    >>> found = bc.convert(grid, "again.bsdf", "rgl")
+    >>> found.format, found.comparison.l1  # the same bits
+    ('rgl', 0.0)
     """
     path = Path(path)
     with warnings.catch_warnings(record=True) as caught:

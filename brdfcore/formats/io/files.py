@@ -22,6 +22,9 @@ def sniff(path: str | PathLike[str]) -> str:
 
     Raises `StorageError` if the file can't be opened, `FileFormatError` if no format knows it; that error names the
     kinds of file that are recognised and not read, and says what to do with them.
+
+    >>> [bc.sniff(path) for path in bc.example_files(".")]
+    ['model', 'csv', 'rgl']
     """
     path = Path(path)
     head = _head(path)
@@ -46,6 +49,10 @@ def read(path: str | PathLike[str], format: str | None = None, **options: Any) -
 
     format   registry name; None sniffs the content.
     options  the format's own, e.g. `negatives="zero"` for "rgl" (see `brdfcore.formats()`).
+
+    >>> truth, scan, grid = (bc.read(path) for path in bc.example_files("."))
+    >>> scan.report["format"], list(scan.channels), grid.report["found"]["angles covered"]
+    ('csv', ['R', 'G', 'B'], 'theta_i 0 to 85 degrees; every theta_o and delta_phi')
     """
     path = Path(path)
     if format is None:
@@ -59,6 +66,10 @@ def write(brdf: Brdf, path: str | PathLike[str], format: str | None = None, **op
     """Write `brdf` in a format; None chooses it by the path's extension. The file appears whole or not at all.
 
     options  the format's own (its `WRITE_PARAMETERS`), e.g. `grid="angles"` for "openmaterial".
+
+    >>> bc.write(bc.model("lambert", reflectance=0.5), "white.json")
+    >>> bc.read("white.json").evaluate(0.3, 0.2, 1.0).round(6)
+    array([0.159155])
     """
     path = Path(path)
     format = format_for(brdf, path, format)
