@@ -1,16 +1,20 @@
-"""The service against what bounds it, in one run: `python -m tests.benchmarks.service [--quick]`.
+"""The service against what bounds it, in one run: `python -m tests.benchmarks.service [--quick] [--against CHECKOUT]`.
 
-Three servers of the same kind (same uvicorn, same parser, same event loop, one process each), asked in turn by a client
-that does next to nothing itself:
+Servers of the same kind (same uvicorn, same parser, same event loop, one process each), asked in turn by a client that
+does next to nothing itself: a GET of one value and of 30, a POST of 1,000 points as JSON, a POST of a million points as
+plain numbers.
 
-- the service: a GET of one value, a POST of 1,000 points as JSON, a POST of a million points as plain numbers;
+- the service, and with --against that of another checkout of this project (an older commit);
 - bare ASGI: it reads the body and sends as many bytes as the service would, and does nothing else;
-- FastAPI as its tutorial shows it: typed query, pydantic lists in and out, the same look-ups inside.
+- FastAPI as its tutorial shows it: lists of a typed query, pydantic lists in and out, a body of numbers into numpy and
+  out of it; the same look-ups inside.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
+import importlib.util
 import json
 import multiprocessing
 import os
@@ -21,17 +25,19 @@ import tempfile
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
+import anyio.to_thread
+import fastapi
 import numpy as np
 import pydantic
 
 from tests.benchmarks.timing import machine
 
-GET_PATH = "/v1/materials/gold/evaluate?theta_i=30&theta_o=40&delta_phi=170"
+PATH = "/v1/materials/gold/evaluate"
+ONE = f"{PATH}?theta_i=30&theta_o=40&delta_phi=170"
 POINTS, MANY, CONCURRENT = 1_000, 1_000_000, 16
-#: f8 angles in, f4 ones, and the values out.
-BYTES_OUT = MANY * 8
+BINARY = "application/octet-stream"
 
 
 # ---- the servers, each in a process of its own ---------------------------------------------------------------
@@ -39,16 +45,15 @@ BYTES_OUT = MANY * 8
 
 def _serve(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[str, int], pipe: Any) -> None:
     import uvicorn
-    from brdf_service.server.process import server_options
 
     # its protocol spelt out, or asyncio leaves Nagle's delay on: 40 ms an answer
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.bind(("127.0.0.1", 0))
     listener.listen(256)
     pipe.send(listener.getsockname()[1])
-    # ours as `brdf serve` runs it, the others as uvicorn does
-    app = make(folder, sizes)
-    options = server_options(app.state.brdf.settings) if make is our_app else {}
+    made = make(folder, sizes)
+    # the services as `brdf serve` runs them, the others as uvicorn does
+    app, options = made if isinstance(made, tuple) else (made, {})
     config = uvicorn.Config(app, log_level="error", access_log=False, lifespan="on", **options)
     with contextlib.suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listener])
@@ -57,11 +62,31 @@ def _serve(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[
 def our_app(folder: str, sizes: dict[str, int]) -> Any:
     """The service, its log line for each request included (written to nowhere)."""
     from brdf_service.main import create_app
+    from brdf_service.server.process import server_options
     from brdf_service.server.request_log import RequestLog
     from brdf_service.settings import Settings
 
     nowhere = RequestLog(open(os.devnull, "w", buffering=1).write)  # noqa: SIM115
-    return create_app(Settings(data=Path(folder)), request_log=nowhere)
+    settings = Settings(data=Path(folder))
+    return create_app(settings, request_log=nowhere), server_options(settings)
+
+
+class Before:
+    """The service of another checkout, whose folder app/ may still be imported under that name."""
+
+    def __init__(self, checkout: Path) -> None:
+        self.checkout = checkout
+
+    def __call__(self, folder: str, sizes: dict[str, int]) -> Any:
+        for name in [n for n in sys.modules if n.partition(".")[0] in ("brdfcore", "brdf_service")]:
+            del sys.modules[name]
+        sys.path.insert(0, str(self.checkout))
+        app, process, settings, log = (
+            importlib.import_module(f"app.{name}") for name in ("main", "process", "settings", "access_log")
+        )
+        made = app.create_app(settings.Settings(data=Path(folder)))
+        made.state.brdf.access_log = log.AccessLog(open(os.devnull, "w", buffering=1).write)  # noqa: SIM115
+        return made, process.server_options(made.state.brdf)
 
 
 def echo_app(folder: str, sizes: dict[str, int]) -> Any:
@@ -75,12 +100,10 @@ def echo_app(folder: str, sizes: dict[str, int]) -> Any:
             await receive()
             await send({"type": "lifespan.shutdown.complete"})
             return
-        length, more = 0, scope["method"] == "POST"
+        more = scope["method"] == "POST"
         while more:
-            message = await receive()
-            length += len(message["body"])
-            more = message["more_body"]
-        answer = answers[f"{scope['method']} {length}"]
+            more = (await receive())["more_body"]
+        answer = answers[dict(scope["headers"]).get(b"x-wanted", b"").decode()]
         headers = [(b"content-length", b"%d" % len(answer)), (b"content-type", b"application/octet-stream")]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
         await send({"type": "http.response.body", "body": answer})
@@ -104,22 +127,29 @@ class Answer(pydantic.BaseModel):
 
 def stock_app(folder: str, sizes: dict[str, int]) -> Any:
     """The same look-ups by the framework's own means."""
-    import fastapi
-
     import brdfcore as bc
 
     table = bc.open_table(Path(folder) / "gold.h5")
     app = fastapi.FastAPI()
 
-    @app.get("/v1/materials/{name}/evaluate")
-    async def get(name: str, theta_i: float, theta_o: float, delta_phi: float) -> Answer:
-        values = table.evaluate(*np.radians((theta_i, theta_o, delta_phi)))
-        return Answer(values=[values.tolist()])
+    @app.get("/lists")
+    async def get_lists(
+        theta_i: Annotated[list[float], fastapi.Query()],
+        theta_o: Annotated[list[float], fastapi.Query()],
+        delta_phi: Annotated[list[float], fastapi.Query()],
+    ) -> Answer:
+        return Answer(values=table.evaluate(*(np.radians(x) for x in (theta_i, theta_o, delta_phi))).tolist())
 
     @app.post("/v1/materials/{name}/evaluate")
     async def post(name: str, asked: Question) -> Answer:
         angles = (np.radians(np.array(x)) for x in (asked.theta_i, asked.theta_o, asked.delta_phi))
         return Answer(values=table.evaluate(*angles).tolist())
+
+    @app.post("/binary")
+    async def binary(request: fastapi.Request, dtype: str) -> fastapi.Response:
+        angles = np.frombuffer(await request.body(), dtype).reshape(3, -1)
+        values = await anyio.to_thread.run_sync(lambda: table.evaluate(*angles))
+        return fastapi.Response(values.tobytes(), media_type="application/octet-stream")
 
     return app
 
@@ -168,6 +198,7 @@ def server(make: Callable[[str, dict[str, int]], Any], folder: str, sizes: dict[
 def message(path: str, body: bytes = b"", kind: str = "application/json") -> bytes:
     """A request as it goes over the wire."""
     head = f"{'POST' if body else 'GET'} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+    head += f"X-Wanted: {len(path)} {len(body)}\r\n"  # what the echo looks its answer's length up by
     if body:
         head += f"Content-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
     return head.encode() + b"\r\n" + body
@@ -254,70 +285,83 @@ def main() -> None:
     """Measure and print."""
     import brdfcore as bc
 
-    quick = "--quick" in sys.argv
-    rounds, seconds = (3, 1.0) if quick else (5, 3.0)
+    arguments = argparse.ArgumentParser()
+    arguments.add_argument("--quick", action="store_true")
+    arguments.add_argument("--against", type=Path, help="a checkout of an older commit")
+    given = arguments.parse_args()
+    rounds, seconds = (3, 1.0) if given.quick else (5, 3.0)
     table = bc.tabulate(bc.model("cook_torrance", roughness=0.3, ior="gold"), "angle_grid", shape=(46, 46, 91))
     rng = np.random.default_rng(1)
     many = {d: (rng.random((3, MANY)) * 1.5).astype(d) for d in ("f8", "f4")}
     listed = {k: (90 * rng.random(POINTS)).tolist() for k in ("theta_i", "theta_o", "delta_phi")}
-    get, post = message(GET_PATH), message(GET_PATH.partition("?")[0], json.dumps(listed).encode())
-    binary = {
-        d: message(f"{GET_PATH.partition('?')[0]}?dtype={d}&angles=rad", a.tobytes(), "application/octet-stream")
-        for d, a in many.items()
+    thirty = {k: [round(x, 4) for x in v[:30]] for k, v in listed.items()}
+    commas = "&".join(f"{k}={','.join(map(str, v))}" for k, v in thirty.items())
+    repeated = "&".join(f"{k}={x}" for k, v in thirty.items() for x in v)
+    gets = {
+        "one value": (message(ONE), message("/lists?theta_i=30&theta_o=40&delta_phi=170")),
+        "30 values": (message(f"{PATH}?{commas}"), message(f"/lists?{repeated}")),
     }
-    parts = {name: _installed(name) for name in ("uvloop", "httptools")}
+    post = message(PATH, json.dumps(listed).encode())
+    parts = {name: importlib.util.find_spec(name) is not None for name in ("uvloop", "httptools")}
     print(f"{machine()}; " + ", ".join(f"{k} {'used' if v else 'not used'}" for k, v in parts.items()))
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         table.save(Path(folder) / "gold.h5")
         ours = stack.enter_context(server(our_app, folder, {}))
-        _wait(ours.port)
+        before = stack.enter_context(server(Before(given.against), folder, {})) if given.against else None
+        for each in filter(None, (ours, before)):
+            _wait(each.port)
+        asked = {"service": ours} | ({"before": before} if before else {})
         with socket.create_connection(("127.0.0.1", ours.port)) as connection:
-            small, middle = len(ask(connection, get)), len(ask(connection, post))
-        sizes = _sizes(small, middle, post)
-        for dtype, array in many.items():
-            sizes[f"POST {array.nbytes}"] = MANY * int(dtype[1])
-        echo = stack.enter_context(server(echo_app, folder, sizes))
+            answers = {_wanted(m): len(ask(connection, m)) for m in (*(get for get, _ in gets.values()), post)}
+        echoes = {d: message(f"{PATH}?dtype={d}&angles=rad", a.tobytes(), BINARY) for d, a in many.items()}
+        answers |= {_wanted(m): MANY * int(d[1]) for d, m in echoes.items()}
+        echo = stack.enter_context(server(echo_app, folder, answers))
         stock = stack.enter_context(server(stock_app, folder, {}))
 
-        rates: dict[str, list[Rate]] = {"service": [], "bare ASGI": [], "stock FastAPI": []}
-        for _ in range(rounds):
-            for name, asked in (("service", ours), ("bare ASGI", echo), ("stock FastAPI", stock)):
-                rates[name].append(rate_of(asked, get, seconds))
-        _show(f"GET evaluate, concurrency {CONCURRENT}", rates)
-        _ratio("GET: service / bare ASGI", rates["service"], rates["bare ASGI"], ">= .5")
-        _ratio("GET: stock FastAPI / bare ASGI", rates["stock FastAPI"], rates["bare ASGI"])
+        for what, (get, get_lists) in gets.items():
+            rates: dict[str, list[Rate]] = {name: [] for name in (*asked, "bare ASGI", "stock FastAPI")}
+            for _ in range(rounds):
+                for name, each in asked.items():
+                    rates[name].append(rate_of(each, get, seconds))
+                rates["bare ASGI"].append(rate_of(echo, get, seconds))
+                rates["stock FastAPI"].append(rate_of(stock, get_lists, seconds))
+            _show(f"GET of {what}, concurrency {CONCURRENT}", rates)
+            _ratio("service / stock FastAPI", rates["service"], rates["stock FastAPI"], ">= 1.6")
+            for other in (*(("before",) if before else ()), "bare ASGI"):
+                _ratio(f"service / {other}", rates["service"], rates[other])
 
-        rates = {"service": [], "pydantic lists": []}
+        rates = {name: [] for name in (*asked, "stock FastAPI")}
         for _ in range(rounds):
-            for name, asked in (("service", ours), ("pydantic lists", stock)):
-                rates[name].append(rate_of(asked, post, seconds, concurrent=4))
+            for name, each in (*asked.items(), ("stock FastAPI", stock)):
+                rates[name].append(rate_of(each, post, seconds, concurrent=4))
         _show(f"POST of {POINTS} points as JSON", rates)
-        _ratio("JSON: service / pydantic lists", rates["service"], rates["pydantic lists"], ">= 5")
+        _ratio("JSON: service / stock FastAPI", rates["service"], rates["stock FastAPI"], ">= 3")
+        if before:
+            _ratio("JSON: service / before", rates["service"], rates["before"], ">= .95")
 
         for dtype, array in many.items():
-            out = np.empty((MANY, 1), array.dtype)
-            spent: dict[str, list[float]] = {"service": [], "bare ASGI": [], "in process": []}
+            stock_binary = message(f"/binary?dtype={dtype}", array.tobytes(), BINARY)
+            spent: dict[str, list[float]] = {name: [] for name in (*asked, "stock FastAPI", "bare ASGI")}
             for _ in range(rounds):
-                spent["service"] += seconds_of(ours.port, binary[dtype], 5)
-                spent["bare ASGI"] += seconds_of(echo.port, binary[dtype], 5)
-                for _ in range(5):
-                    begun = time.perf_counter()
-                    table.evaluate(*array, out=out)
-                    spent["in process"].append(time.perf_counter() - begun)
-            middle_of = {k: float(np.median(v)) for k, v in spent.items()}
-            for name, value in middle_of.items():
-                print(f"{MANY} look-ups, {dtype}: {name:10s} {1000 * value:7.1f} ms")
-            ratio = middle_of["service"] / (middle_of["bare ASGI"] + middle_of["in process"])
-            print(f"  -> binary {dtype}: service / (bare ASGI + in process) = {ratio:.2f}  (goal <= 1.5)")
+                for name, each in asked.items():
+                    spent[name] += seconds_of(each.port, echoes[dtype], 5)
+                spent["stock FastAPI"] += seconds_of(stock.port, stock_binary, 5)
+                spent["bare ASGI"] += seconds_of(echo.port, echoes[dtype], 5)
+            middle = {name: float(np.median(v)) for name, v in spent.items()}
+            for name, value in middle.items():
+                print(f"{MANY} look-ups, {dtype}: {name:14s} {1000 * value:7.1f} ms")
+            for name, goal in (("stock FastAPI", ">= 1"), *((("before", ">= .95"),) if before else ())):
+                print(f"  -> binary {dtype}: {name} / service = {middle[name] / middle['service']:.2f}  (goal {goal})")
 
-        medians = [float(np.median(seconds_of(ours.port, get, 100 if quick else 500))) for _ in range(5)]
-        bare = [float(np.median(seconds_of(echo.port, get, 100 if quick else 500))) for _ in range(5)]
-        print(f"one GET, idle: p50 {1e6 * np.median(medians):.0f} us (median of 5 medians: ", end="")
-        print(", ".join(f"{1e6 * m:.0f}" for m in medians) + f"); bare ASGI {1e6 * np.median(bare):.0f} us")
+        for name, each in (*asked.items(), ("bare ASGI", echo)):
+            get = gets["one value"][0]
+            medians = [float(np.median(seconds_of(each.port, get, 100 if given.quick else 500))) for _ in range(5)]
+            print(f"one GET, idle: {name:14s} p50 {1e6 * np.median(medians):.0f} us (5 medians: ", end="")
+            print(", ".join(f"{1e6 * m:.0f}" for m in medians) + ")")
 
 
-def _sizes(small: int, middle: int, post: bytes) -> dict[str, int]:
-    return {"GET 0": small, f"POST {len(post) - post.find(bytes([13, 10, 13, 10])) - 4}": middle}
+def _wanted(request: bytes) -> str:
+    return request.partition(b"X-Wanted: ")[2].split(b"\r\n")[0].decode()
 
 
 def _show(what: str, rates: dict[str, list[Rate]]) -> None:
@@ -342,12 +386,6 @@ def _wait(port: int) -> None:
                 return
         time.sleep(0.1)
     raise SystemExit("the service did not become ready")
-
-
-def _installed(name: str) -> bool:
-    from importlib.util import find_spec
-
-    return find_spec(name) is not None
 
 
 if __name__ == "__main__":
