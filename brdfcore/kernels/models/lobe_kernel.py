@@ -80,7 +80,7 @@ def _with_globals(function: Callable[..., Any], lobe: Any, **names: Any) -> Call
     text = hashlib.sha256(file.read_bytes() if file.is_file() else os.urandom(16)).hexdigest()[:8]
     copy = types.FunctionType(function.__code__, {**globals(), **names}, function.__name__)
     copy.__module__ = source.__module__
-    copy.__qualname__ = f"{source.__qualname__}_{text}{function.__qualname__}"
+    copy.__qualname__ = f"{source.__module__.rpartition('.')[2]}_{source.__name__.strip('_')}_{text}{function.__name__}"
     return copy
 
 
