@@ -101,6 +101,12 @@ def test_files_and_links_named_here_exist(page: Path) -> None:
         assert (ROOT / (module.replace(".", "/") + ".py")).exists(), module
 
 
+def test_every_picture_is_shown() -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert [p.name for p in (ROOT / "docs" / "pictures").iterdir() if f"pictures/{p.name})" not in text] == []
+    assert not list((ROOT / "app").rglob("*.png"))  # what the service draws is drawn when it is asked for
+
+
 def test_readme_has_the_figures_of_the_pages() -> None:
     command = "python -m tests.benchmarks.pages headline"
     assert held("README.md", "headline") == headline.text(), f"README.md differs from docs/; write it with: {command}"
