@@ -10,6 +10,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from brdfcore.base.registry import FORMATS, MODELS, REPRESENTATIONS
 
@@ -81,3 +83,24 @@ def test_files_stay_small() -> None:
 
 def test_no_catch_all_modules() -> None:
     assert not [p for p in SOURCES if p.stem in ("utils", "util", "helpers", "misc", "common")]
+
+
+def test_the_service_forks_nothing() -> None:
+    """A fork of a process that has run OpenMP threads hangs at its first parallel loop: children are started anew."""
+    forks = re.compile(r"\bos\.fork|\bforkserver\b|import multiprocessing|from multiprocessing|ProcessPoolExecutor")
+    places = [p for folder in ("brdfcore", "app") for p in (ROOT / folder).rglob("*.py")]
+    assert not [p.name for p in places if forks.search(p.read_text())]
+
+
+def test_constraints_name_what_the_tests_need() -> None:
+    """Each direct requirement has one version there, and one that it allows."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    lines = (ROOT / ".ci" / "constraints.txt").read_text().splitlines()
+    versions = dict(line.split("==") for line in lines if "==" in line)
+    waiting, extras = ["brdf-tables[test]"], project["optional-dependencies"]
+    while waiting:
+        wanted = Requirement(waiting.pop())
+        if wanted.name == project["name"]:
+            waiting += [*project["dependencies"], *(line for extra in wanted.extras for line in extras[extra])]
+        else:
+            assert wanted.specifier.contains(versions[canonicalize_name(wanted.name)]), wanted
