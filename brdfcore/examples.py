@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.catalogue import model
 from brdfcore.base.channels import RGB
@@ -75,8 +75,7 @@ def _write_scan(truth: Brdf, path: Path, rng: np.random.Generator) -> None:
     rows = [",".join(f"{x:g}" for x in a) + "," + ",".join(f"{x:.6g}" for x in v) for a, v in zip(angles, f)]
     head = f"# made-up goniometer scan of a paint, f_r in 1/sr, {RELATIVE_NOISE:.0%} noise; the truth is {FILES[0]}"
     names = [*(f"{a}_deg" for a in ("theta_i", "theta_o", "delta_phi")), *(f"f_r_{c}" for c in truth.channels)]
-    with replacing(path) as temporary:
-        temporary.write_text("\n".join([head, f"# rows: {len(rows)}", ",".join(names), *rows]) + "\n", encoding="utf-8")
+    write_file(path, ("\n".join([head, f"# rows: {len(rows)}", ",".join(names), *rows]) + "\n").encode())
 
 
 def _sampled(truth: Brdf, rng: np.random.Generator) -> VndfWarp:

@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.catalogue import model
 from brdfcore.build.tabulate import tabulate
 from brdfcore.tables.base.table import Progress
@@ -76,8 +76,7 @@ def starter_library(folder: str | PathLike[str], progress: Progress | None = Non
         source = model(kind, **parameters)
         if shape is None:
             text = json.dumps({"model": kind, "parameters": parameters, "about": about}, indent=1)
-            with replacing(path) as temporary:
-                temporary.write_text(text + "\n", encoding="utf-8")
+            write_file(path, (text + "\n").encode())
         else:
             table = tabulate(source, "angle_grid", shape=shape)
             table.metadata["about"] = about

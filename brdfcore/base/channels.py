@@ -7,12 +7,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from brdfcore.base.errors import InputError, UnknownNameError
+from brdfcore.base.errors import InputError, LimitError, UnknownNameError
 
 ChannelKind = Literal["name", "wavelength"]
 
 #: Largest wavelength a channel may have, nm: a kilometre.
 LONGEST_WAVE = 1e12
+#: Channels that a material may have: what is written has room for them wherever it is read.
+MAX_CHANNELS = 16_384
 
 
 class Channels(tuple[Any, ...]):
@@ -26,6 +28,9 @@ class Channels(tuple[Any, ...]):
 
     def __new__(cls, items: Iterable[str | float], kind: ChannelKind | None = None) -> Channels:
         listed = list(items)
+        if len(listed) > MAX_CHANNELS:
+            said = f"channels: {len(listed)}; the limit is {MAX_CHANNELS}; split the material"
+            raise LimitError("too_many_channels", said, where="channels", got=len(listed), limit=MAX_CHANNELS)
         found: ChannelKind = "name" if all(isinstance(x, str) for x in listed) else "wavelength"
         kind = kind or found
         if not listed or kind not in ("name", "wavelength") or (kind == "name") != (found == "name"):

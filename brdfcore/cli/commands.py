@@ -11,7 +11,7 @@ import numpy.typing as npt
 import typer
 
 import brdfcore
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.conventions import ANGLE_NAMES, broadcast_shape
 from brdfcore.base.errors import InputError
@@ -300,8 +300,7 @@ def plot(
     if len(set(names)) < len(names):  # files of one name in several folders
         names = sources
     materials = {name: arguments.load(s) for name, s in zip(names, sources)}
-    with replacing(out) as temporary:
-        temporary.write_bytes(_picture(materials, lights, kind, view, scale, light, channel, title, dpi, unit))
+    write_file(out, _picture(materials, lights, kind, view, scale, light, channel, title, dpi, unit))
     line(str(out))
 
 

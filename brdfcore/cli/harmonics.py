@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError
 from brdfcore.cli import arguments
@@ -90,8 +90,7 @@ def _draw(out: Path, kind: str, b: Brdf, made: Any, lights: Any, channel: str | 
     from brdfcore import plot as pictures
 
     figure = pictures.expansion(b, made, lights, channel=channel, title=title)
-    with replacing(out) as temporary:
-        temporary.write_bytes(pictures.render(figure, kind))
+    write_file(out, pictures.render(figure, kind))
 
 
 def _print(source: str, told: dict[str, Any], report: dict[str, Any], seconds: float) -> None:

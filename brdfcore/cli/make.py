@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from brdfcore.base.atomic import refuse_special
 from brdfcore.base.errors import MissingExtraError, StorageError, missing_extra
 from brdfcore.cli import arguments
 from brdfcore.cli.output import (
@@ -326,8 +327,7 @@ def _bytes(flag: str, text: str | None) -> int | None:
 
 def may_write(path: Path, force: bool) -> None:
     """Refuse before the work what would fail, or destroy something, after it."""
-    if path.is_dir():
-        raise StorageError("cannot_write", f"{path}: is a folder; name a file in it", where=str(path))
+    refuse_special(path)
     if path.exists() and not force:
         raise StorageError("exists", f"{path}: exists; --force replaces it", where=str(path))
     if not path.parent.is_dir():

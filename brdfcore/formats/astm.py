@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.errors import InputError
@@ -67,7 +67,7 @@ class AstmFormat(Format):
         policies = {p.name: chosen[p.name] for p in POLICIES}
         return to_brdf(measurements_of(path, chosen["angles"], chosen["invalid"]), **policies)
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
         """Write the measured geometries of a `scattered` table; `InputError` for anything else."""
         if not isinstance(brdf, Scattered):
             raise not_scattered(brdf, "an ASTM file")
@@ -85,8 +85,7 @@ class AstmFormat(Format):
         ]
         for (theta_i, theta_o, delta_phi), row in zip(brdf.angles.tolist(), brdf.measured.tolist(), strict=True):
             lines.append(",".join(map(repr, (theta_i, 0.0, theta_o, delta_phi, *row))))
-        with replacing(path) as temporary:
-            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return write_file(path, ("\n".join(lines) + "\n").encode(), self.read)
 
 
 def _one_line(text: str) -> str:

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import RGB
 from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError
@@ -115,7 +115,7 @@ class MerlFormat(Format):
             reason = error.strerror or str(error)
             raise StorageError("cannot_open", f"{path}: {reason}", where=str(path), got=reason) from error
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
         """Write `brdf`; `InputError` unless it has one channel (written three times) or R, G, B."""
         if len(brdf.channels) != 1 and tuple(brdf.channels) != tuple(RGB):
             listed = ", ".join(brdf.channels.labels()[:8])
@@ -129,8 +129,7 @@ class MerlFormat(Format):
         for sentence in _losses(brdf):
             warnings.warn(sentence, LossWarning, stacklevel=2)
         table = brdf if isinstance(brdf, HalfAngleGrid) else _sampled(brdf)
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            _write(table, file)
+        return write_file(path, _encoded(table), self.read)
 
 
 # ---- read ----------------------------------------------------------------------------------------
@@ -305,9 +304,9 @@ def _negative(table: HalfAngleGrid) -> int:
     return int((table.values[~table.filled_cells] < 0).sum())
 
 
-def _write(table: HalfAngleGrid, file: BinaryIO) -> None:
+def _encoded(table: HalfAngleGrid) -> bytes:
     shape = table.values.shape[:3]
-    file.write(_HEADER.pack(*shape))
+    pieces = [_HEADER.pack(*shape)]
     values = table.values.reshape(-1, len(table.channels))
     invalid = table.filled_cells.reshape(-1)
     for c, scale in enumerate(SCALES):
@@ -316,4 +315,5 @@ def _write(table: HalfAngleGrid, file: BinaryIO) -> None:
             part = slice(start, start + _CHUNK)
             numbers = np.maximum(plane[part], 0).astype("<f8") / scale
             numbers[invalid[part]] = _INVALID
-            file.write(numbers.tobytes())
+            pieces.append(numbers.tobytes())
+    return b"".join(pieces)

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.catalogue import model
 from brdfcore.base.errors import BrdfError, FileFormatError, InputError, StorageError
@@ -15,8 +15,8 @@ from brdfcore.base.parameters import resolve
 from brdfcore.formats.base.format import Format
 from brdfcore.models.base.model import Model
 
-#: Far above any parameter list; a larger file is something else.
-MAX_BYTES = 1_000_000
+#: Room for any parameters of `MAX_CHANNELS` channels; a larger file is something else.
+MAX_BYTES = 8_000_000
 _KEYS = {"model", "parameters", "about"}
 
 
@@ -75,7 +75,7 @@ class ModelFormat(Format):
         }
         return brdf
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
         if not isinstance(brdf, Model):  # a table of a model carries its metadata, but answers differently
             raise InputError(
                 "not_a_model",
@@ -86,8 +86,7 @@ class ModelFormat(Format):
             )
         keys = {key: brdf.metadata[key] for key in ("model", "parameters", "about") if key in brdf.metadata}
         text = json.dumps(keys, indent=1, allow_nan=False) + "\n"
-        with replacing(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        return write_file(path, text.encode(), self.read)
 
 
 def _bad(path: Path, what: str, offset: int = 0) -> FileFormatError:

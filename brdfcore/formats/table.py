@@ -29,7 +29,7 @@ class TableFormat(Format):
         resolve("format 'table'", self.PARAMETERS, options)
         return open_table(path)
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
         if not isinstance(brdf, Table):
             raise InputError(
                 "not_a_table",
@@ -38,4 +38,4 @@ class TableFormat(Format):
                 got=type(brdf).__name__,
                 expected="a Table",
             )
-        brdf.save(path)
+        return brdf.save(path)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from brdfcore.analysis.pareto.pareto import Pareto, pareto
 from brdfcore.analysis.pareto.timing import versions
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError, StorageError
 from brdfcore.metrics import compare
@@ -63,8 +63,7 @@ class Report:
     def write(self, path: Path) -> None:
         """Whole or not at all; `InputError` for an extension that is none of `KINDS`."""
         content = self.render(kind_of(path))
-        with replacing(path) as temporary:
-            temporary.write_bytes(content)
+        write_file(path, content)
 
 
 def kind_of(path: Path) -> Kind:

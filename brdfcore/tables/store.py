@@ -19,14 +19,12 @@ from brdfcore.base.brdf import FLAGS
 from brdfcore.base.channels import Channels
 from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError
 from brdfcore.base.registry import REPRESENTATIONS
-from brdfcore.tables.base.file import SCHEMA_VERSION, h5py, refused
+from brdfcore.tables.base.file import MAX_HEADER, SCHEMA_VERSION, h5py, refused
 from brdfcore.tables.base.table import Table
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 #: Largest table read, bytes in memory; a file that declares more is refused before anything is read.
 MAX_BYTES = 4_000_000_000
-#: Largest JSON header, bytes.
-MAX_HEADER = 16_000_000
 _DTYPES = frozenset(np.dtype(t) for t in ("<f2", "<f4", "<f8", "<i4", "<i8", "<u2", "<u4", "|u1"))
 
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
@@ -107,5 +107,4 @@ class GreyFile(Format):
     def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
         if not isinstance(brdf, Grey):
             raise InputError("not_grey", f"a .grey file holds a grey table, not {brdf!r:.80}", where="brdf")
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps({"grey": brdf.value.tolist(), "channels": brdf.channels.to_json()}))
+        write_file(path, json.dumps({"grey": brdf.value.tolist(), "channels": brdf.channels.to_json()}).encode())

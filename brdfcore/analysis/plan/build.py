@@ -8,7 +8,7 @@ from typing import Any
 
 from brdfcore.analysis.pareto.pareto import is_formula
 from brdfcore.analysis.plan.plan import Choice, Plan
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import Scaled, Sum
 from brdfcore.base.errors import InputError, StorageError
 from brdfcore.formats.io.files import read, write
@@ -39,8 +39,7 @@ def build(plan: Plan, folder: Path, *, progress: Progress | None = None) -> dict
         _write(choice, folder)
     names = {name: c.path.name for c in plan.choices for name in c.names if c.path is not None}
     manifest = {"schema": 1, "names": names, **plan.to_json()}
-    with replacing(folder / MANIFEST) as temporary:
-        temporary.write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_file(folder / MANIFEST, (json.dumps(manifest, indent=1, allow_nan=False) + "\n").encode())
     return manifest
 
 

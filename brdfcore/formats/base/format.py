@@ -67,8 +67,11 @@ class Format(ABC):
     def read(self, path: Path, **options: Any) -> Brdf:
         """Read a file. `FileFormatError` names file, field and offset; `StorageError` if it can't be opened."""
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
-        """Write `brdf`; `InputError` if this format can't hold it, a `LossWarning` for each thing that is left out."""
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf | None:
+        """Write `brdf` by `base.atomic.write_file`, with `read` as its check, and return what that read.
+
+        `InputError` if this format can't hold it, a `LossWarning` for each thing that is left out.
+        """
         raise InputError(
             "format_not_writable",
             f"format {self.name!r} can be read, not written",

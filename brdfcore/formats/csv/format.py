@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.errors import InputError
@@ -95,7 +95,7 @@ class CsvFormat(Format):
         policies = {p.name: chosen[p.name] for p in POLICIES}
         return to_brdf(measurements_of(path, chosen), **policies)
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
         """Write the measured geometries of a `scattered` table; `InputError` for anything else."""
         if not isinstance(brdf, Scattered):
             raise not_scattered(brdf, "a CSV file of measurements")
@@ -110,8 +110,7 @@ class CsvFormat(Format):
             ",".join(head),
             *(",".join(map(repr, row)) for row in table),
         ]
-        with replacing(path) as temporary:
-            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return write_file(path, ("\n".join(lines) + "\n").encode(), self.read)
 
 
 def measurements_of(path: Path, chosen: dict[str, Any]) -> Measurements:

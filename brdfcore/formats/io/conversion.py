@@ -77,8 +77,7 @@ def convert(
     path = Path(path)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", LossWarning)
-        io.write(brdf, path, format, **(options or {}))
-    again = io.read(path, format)
+        again = io.write(brdf, path, format, **(options or {}))
     written = format or str(again.report.get("format") or io.sniff(path))
     losses = [str(w.message) for w in caught if issubclass(w.category, LossWarning)]
     lost = _lost_channels(brdf, again)

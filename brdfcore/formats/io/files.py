@@ -62,8 +62,9 @@ def read(path: str | PathLike[str], format: str | None = None, **options: Any) -
     return _format(format).read(path, **options)
 
 
-def write(brdf: Brdf, path: str | PathLike[str], format: str | None = None, **options: Any) -> None:
-    """Write `brdf` in a format; None chooses it by the path's extension. The file appears whole or not at all.
+def write(brdf: Brdf, path: str | PathLike[str], format: str | None = None, **options: Any) -> Brdf:
+    """Write `brdf` in a format; None chooses it by the path's extension. What was read back, before it took the place
+    of a file of that name: it appears whole and readable or not at all (`base.atomic.write_file`).
 
     options  the format's own (its `WRITE_PARAMETERS`), e.g. `grid="angles"` for "openmaterial".
 
@@ -76,7 +77,7 @@ def write(brdf: Brdf, path: str | PathLike[str], format: str | None = None, **op
     entry = _format(format)
     if options:  # checked here, so that a format without any need not
         resolve(f"writing format {format!r}", entry.WRITE_PARAMETERS, options)
-    entry.write(brdf, path, **options)
+    return entry.write(brdf, path, **options) or entry.read(path)
 
 
 def format_for(brdf: Brdf, path: str | PathLike[str], format: str | None = None) -> str:

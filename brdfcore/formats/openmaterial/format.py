@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.conventions import HALF_PI
@@ -90,7 +90,7 @@ class OpenMaterialFormat(Format):
         data = read_bytes(path, MAX_BYTES)
         return _Reader(path.name, data, parse(data, path.name), given).brdf()
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
         """Write the rows of a material that was read from scattered rows, the nodes of a `specular_grid`, or f at such
         nodes of anything else. The file says in its description what was done.
 
@@ -99,10 +99,10 @@ class OpenMaterialFormat(Format):
         """
         given = resolve("writing format 'openmaterial'", self.WRITE_PARAMETERS, options)
         content, rows, losses = document(brdf, given)
-        with replacing(path) as temporary:
-            temporary.write_bytes(compose(content, rows))
+        again = write_file(path, compose(content, rows), self.read)
         for text in losses:
             warnings.warn(text, LossWarning, stacklevel=2)
+        return again
 
 
 class _Reader:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import RGB, Channels
 from brdfcore.base.conventions import THETA_MAX
@@ -75,7 +75,7 @@ class RglFormat(Format):
         data = read_bytes(path, MAX_BYTES)
         return _Reader(path.name, data).table(choice)
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
         """Write a `vndf_warp` table; `InputError` for anything else.
 
         One that was read from a file is written byte for byte as it was; of others, what no look-up reads is made anew
@@ -91,8 +91,7 @@ class RglFormat(Format):
                 expected="a vndf_warp table: what read() makes of an RGL file, or a table file of one",
             )
         fields = brdf._auxiliary if brdf._auxiliary is not None else fields_of_table(brdf)
-        with replacing(path) as temporary:
-            temporary.write_bytes(encode(fields))
+        return write_file(path, encode(fields), self.read)
 
 
 class _Reader:

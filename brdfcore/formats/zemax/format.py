@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.errors import FileFormatError, InputError
@@ -104,15 +104,14 @@ class ZemaxFormat(Format):
         data = read_bytes(path, MAX_BYTES)
         return _table(parse(data, path.name), path.name, data, given)
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
         """Write f_r at the directions of a grid; directions below the horizon and holes are 0, as is usual.
 
         `InputError` unless the material has one channel or X, Y, Z, or where it has a perfect mirror part.
         """
         channel = resolve("writing format 'zemax'", self.WRITE_PARAMETERS, options)["channel"]
         content = _content(brdf if channel is None else OneChannel(brdf, channel))
-        with replacing(path) as temporary:
-            temporary.write_bytes(compose(content))
+        again = write_file(path, compose(content), self.read)
         if not isinstance(brdf, SpecularGrid):
             shape = " x ".join(map(str, content.values.shape[2:]))
             warnings.warn(
@@ -120,6 +119,7 @@ class ZemaxFormat(Format):
                 LossWarning,
                 stacklevel=2,
             )
+        return again
 
 
 def _table(content: ZemaxFile, file: str, data: bytes, given: dict[str, Any]) -> SpecularGrid:

@@ -12,14 +12,14 @@ Layout, schema version 1 (little-endian, chunked, fletcher32 checksums):
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import T, write_file
 from brdfcore.base.errors import InputError, missing_extra
 
 try:
@@ -28,27 +28,36 @@ except ImportError as error:
     raise missing_extra("h5py", "core", "storing a table") from error
 
 SCHEMA_VERSION = 1
+#: Largest JSON header, bytes.
+MAX_HEADER = 16_000_000
 #: How deep objects of the header may lie in each other.
 MAX_DEPTH = 16
 #: Values a chunk: small enough that a damaged chunk is found by its own checksum.
 _CHUNK = 65_536
 
 
-def save(path: Path, header: dict[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-    """Write header and arrays to `path`: to a temporary file in the same folder, flushed to disk, then renamed.
+def save(path: Path, header: dict[str, Any], arrays: Mapping[str, npt.NDArray[Any]], check: Callable[[Path], T]) -> T:
+    """Write header and arrays to `path` by `base.atomic.write_file`, and return what `check` reads of the new file before
+    it takes the old one's place. The bytes depend on the table only.
 
-    A process killed at any moment leaves the old file or the new one, and perhaps a hidden temporary file that
-    the next save to the same name removes. The bytes depend on the table only.
+    They are made in memory: the HDF5 library ends the whole process where it can't write out what it holds.
 
-    Raises `StorageError`, and `InputError` for a source, report, error or metadata that JSON can't hold or that
-    `tables.store.open_table` would refuse.
+    Raises what `write_file` raises, and `InputError` for a source, report, error or metadata that JSON can't hold or
+    that `tables.store.open_table` would refuse.
     """
     text = np.frombuffer(_header_text({"schema_version": SCHEMA_VERSION, **header}), np.uint8)
-    with replacing(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:
+    # one piece of memory for all of it, so that there is room from the first byte or not at all
+    room = text.nbytes + sum(array.nbytes for array in arrays.values())
+    with h5py.File(
+        path.name, "w", driver="core", backing_store=False, block_size=room + room // 8 + 2**20, track_order=False
+    ) as file:
         _write(file, "header", text)
         group = file.create_group("arrays")
         for name, array in arrays.items():
             _write(group, name, array)
+        file.flush()
+        image = file.id.get_file_image()
+    return write_file(path, image, check)
 
 
 def _header_text(header: dict[str, Any]) -> bytes:

@@ -20,6 +20,7 @@ from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter
+from brdfcore.base.registry import FORMATS
 from brdfcore.tables.base.seen import EVERYWHERE, Seen
 from brdfcore.version import __version__
 
@@ -174,13 +175,15 @@ class Table(Brdf):
             "attributes": self.attributes(),
         }
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write an HDF5 file; a killed process leaves the old file or the new one (`tables.base.file.save`)."""
+    def save(self, path: str | PathLike[str]) -> Self:
+        """Write an HDF5 file, whole and readable or not at all (`tables.base.file.save`)."""
         from brdfcore.tables.base.file import save
 
         beside = {"source": self.source, "report": self.report, "error": self.error, "metadata": self.metadata}
         header = {**self._identity(), "id": self.computed_id(), **beside, "code_version": __version__}
-        save(Path(path), header, self.to_arrays())
+        # by its name, as a representation knows nothing of the reader
+        read: Callable[[Path], Self] = FORMATS.load("table")().read
+        return save(Path(path), header, self.to_arrays(), read)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # by its arrays: what was compiled or derived on the way is made anew
