@@ -37,8 +37,8 @@ _CHUNK = 65_536
 
 
 def save(path: Path, header: dict[str, Any], arrays: Mapping[str, npt.NDArray[Any]], check: Callable[[Path], T]) -> T:
-    """Write header and arrays to `path` by `base.atomic.write_file`, and return what `check` reads of the new file before
-    it takes the old one's place. The bytes depend on the table only.
+    """Write header and arrays to `path` by `base.atomic.write_file`, and return what `check` read of the new file
+    before it took the old one's place. The bytes depend on the table only.
 
     They are made in memory: the HDF5 library ends the whole process where it can't write out what it holds.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ import brdfcore as bc
 from brdfcore import testing
 from brdfcore.tables import store
 from brdfcore.tables.angle_grid import AngleGrid
-from brdfcore.tables.base import file
 from tests.brdfcore.conftest import Run
 from tests.brdfcore.kernels.test_launch import finish, start
 from tests.support.tiers import first_fast
