@@ -10,8 +10,9 @@ from typing import Any
 from brdf_service.http import openapi
 from brdf_service.http.errors import problem
 from brdf_service.http.metrics import Metrics
+from brdf_service.library.folder import Folder
 from brdf_service.library.materials import Library
-from brdf_service.library.writing import Store
+from brdf_service.library.writing import Writer
 from brdf_service.routes import evaluate, health, jobs, materials, pages, pareto, relight, writing
 from brdf_service.server import process, start, warmup
 from brdf_service.server.middleware import RequestMiddleware
@@ -19,6 +20,7 @@ from brdf_service.server.request_log import RequestLog
 from brdf_service.settings import Settings
 from brdf_service.state import State
 from brdf_service.work.drawing import Drawing
+from brdf_service.work.imports import Imports
 from brdf_service.work.jobs import Jobs
 from fastapi import FastAPI
 from starlette.exceptions import HTTPException
@@ -39,15 +41,18 @@ def create_app(
     request_log  gets a line for each request.
     """
     settings = settings or Settings.load()
-    library = Library(settings.data, settings.cache_bytes)
-    store = Store(library)
-    state = State(settings, library, store, Jobs(settings, store), Metrics(), Drawing(apart=warm))
+    library = Library(Folder(settings.data), settings.cache_bytes)
+    writer = Writer(library)
+    state = State(settings, library, writer, Jobs(settings, writer), Metrics(), Drawing(apart=warm))
+    imports = Imports(library, state.jobs)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        library.folder.clean()
+        library.store.clean()
+        imports.start()
         warmup.start(state, warm=warm)
         yield
+        imports.stop()
         state.jobs.stop()
         state.drawing.stop()
 

@@ -9,7 +9,7 @@ from typing import cast
 from anyio import CapacityLimiter
 from brdf_service.http.metrics import Metrics
 from brdf_service.library.materials import Library
-from brdf_service.library.writing import Store
+from brdf_service.library.writing import Writer
 from brdf_service.settings import Settings
 from brdf_service.work.drawing import Drawing
 from brdf_service.work.expansions import Expansions
@@ -23,7 +23,7 @@ class State:
 
     settings: Settings
     library: Library
-    store: Store
+    writer: Writer
     jobs: Jobs
     metrics: Metrics
     drawing: Drawing

@@ -34,6 +34,7 @@ _PUBLIC = {
     "models": None,  # a package that is callable: brdfcore.models()
     "representations": "brdfcore.base.catalogue",
     "formats": None,
+    "extensions": "brdfcore.base.catalogue",
     "tabulate": "brdfcore.build.tabulate",
     "project": "brdfcore.build.project",
     "project_slice": "brdfcore.harmonics.slices",
@@ -64,6 +65,7 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.analysis.pareto.pareto import pareto as pareto
     from brdfcore.analysis.plan.plan import plan as plan
     from brdfcore.base.brdf import Brdf as Brdf
+    from brdfcore.base.catalogue import extensions as extensions
     from brdfcore.base.catalogue import formats as formats
     from brdfcore.base.catalogue import model as model
     from brdfcore.base.catalogue import models as models

@@ -1,75 +1,68 @@
-"""The data folder: NAME.h5 tables and NAME.json models. Nothing else of the service looks at its files or changes them.
+"""A folder as the store: NAME.h5 tables and NAME.json models. Nothing else of the service looks at its files.
 
-A leading dot marks what no list shows: files that are not finished, the lock, and the folders of jobs.
+A leading dot marks what no list shows: files that are not finished, the lock, and the records of jobs.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import re
 import secrets
 import shutil
-import socket
 import stat
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from brdf_service.http.errors import MaterialDamagedError
+from brdf_service.library.index import Index
+from brdf_service.library.store import NAME, SUFFIXES, ChangedError, File, Kind, Names, Store
 
 import brdfcore as bc
+from brdfcore.base import atomic
 
 try:
     import fcntl
 except ImportError:  # not POSIX: one process a data folder then
     fcntl = None  # type: ignore[assignment]
 
-NAME = re.compile(bc.names.MATERIAL_NAME)
-
-Kind = Literal["table", "model"]
-#: Each kind by its file name's end.
-SUFFIXES: dict[str, Kind] = {".h5": "table", ".json": "model"}
+#: Seconds for which records of jobs are kept, and for which an unfinished file may belong to another machine's process.
+RECORDS_KEPT, UNFINISHED_KEPT = 3600.0, 86400.0
+_NEW = ".new-"
 
 
-class File(NamedTuple):
-    """The file of a material; `stamp` (inode, mtime and ctime in ns, size) tells its states apart."""
-
-    path: str
-    kind: Kind
-    stamp: tuple[int, int, int, int]
-
-
-class Folder:
-    """Reading and changing files. `StorageError` where the folder itself cannot be read or written."""
+class Folder(Store):
+    """`StorageError` where the folder itself cannot be read or written."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._prefix = f"{path}{os.sep}"  # every request comes here: pathlib would cost more than stat
         self._writing = threading.Lock()
-        host = "".join(c for c in socket.gethostname() if c.isalnum())[:32] or "host"
-        self._scratch = f".job-{host}-"
+        self._index = Index(path)
+        self._records = path / ".jobs"
 
     # ---- reading --------------------------------------------------------------------------------------
 
-    def names(self) -> tuple[list[str], list[str]]:
-        """(names of all materials, files that look like materials but cannot be addressed), each sorted."""
+    def names(self) -> Names:
         try:
-            with os.scandir(self.path) as entries:
-                ends = [os.path.splitext(e.name) for e in entries if not e.name.startswith(".") and e.is_file()]
+            return self._index.names()
         except OSError as error:
             raise _cannot("read", error) from error
-        found = [(stem, suffix) for stem, suffix in ends if suffix in SUFFIXES]
-        names = {stem for stem, _ in found if NAME.fullmatch(stem)}
-        return sorted(names), sorted(stem + suffix for stem, suffix in found if stem not in names)
+
+    def close_to(self, name: str) -> list[str]:
+        return self._index.close_to(name)
+
+    def version(self, name: str) -> list[File] | None:
+        found = [f for suffix, kind in SUFFIXES.items() if (f := _file(f"{self._prefix}{name}{suffix}", kind))]
+        return found or None
 
     def find(self, name: str) -> File | None:
-        """The one file of a material, None if there is none; `MaterialDamagedError` if two files claim the name."""
         if not NAME.fullmatch(name):
             return None
-        found = [f for suffix, kind in SUFFIXES.items() if (f := _file(f"{self._prefix}{name}{suffix}", kind))]
-        if len(found) < 2:
+        found = self.version(name)
+        if not found or len(found) == 1:
             return found[0] if found else None
         # a change of kind may have been cut off after the new file was in place
         with contextlib.suppress(OSError, StopIteration):
@@ -78,96 +71,142 @@ class Folder:
         text = f"{name}: both {name}.h5 and {name}.json are in the data folder; remove or rename one"
         raise MaterialDamagedError("material_ambiguous", text, where="name", got=name)
 
-    def copy(self, name: str, into: Path) -> Path | None:
-        """A copy of the material's file as it is now, under its own file name; None if there is none."""
-        file = self.find(name)
+    def stamp(self, file: str) -> tuple[int, ...]:
         try:
-            return None if file is None else Path(shutil.copy(file.path, into))
+            info = os.stat(self._prefix + file)
+        except OSError:
+            return ()
+        return info.st_ino, info.st_mtime_ns, info.st_ctime_ns, info.st_size
+
+    def same(self, file: File) -> bool:
+        return _file(file.path, file.kind) == file
+
+    def fetch(self, name: str, into: Path) -> Path | None:
+        file = self.find(name)
+        path = file.path if file is not None else self._prefix + self.names().measured.get(name, "")
+        if path == self._prefix:
+            return None
+        try:
+            if not stat.S_ISREG(os.stat(path).st_mode):
+                raise bc.StorageError("cannot_open", f"{os.path.basename(path)}: is no regular file")
+            return Path(shutil.copy(path, into))
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise _cannot("written", error) from error
+            if isinstance(error, bc.StorageError):
+                raise
+            raise _cannot("written" if os.access(path, os.R_OK) else "read", error) from error
 
     # ---- changing -------------------------------------------------------------------------------------
 
     @contextlib.contextmanager
-    def changing(self) -> Iterator[None]:
+    def _changing(self, name: str, expected: list[File] | None) -> Iterator[None]:
         """One change at a time: among threads by a lock, among services that share the folder by one on a file."""
         try:
-            with self._writing, (self.path / ".lock").open("a") as file:
+            with self._writing, (self.path / ".lock").open("a") as lock:
                 if fcntl is not None:
-                    fcntl.flock(file, fcntl.LOCK_EX)  # let go when the file is closed
-                yield
+                    fcntl.flock(lock, fcntl.LOCK_EX)  # let go when the file is closed
+                before = os.stat(self.path).st_mtime_ns
+                if self.version(name) != expected:
+                    raise ChangedError
+                try:
+                    yield
+                finally:
+                    self._index.note(name, self.version(name) is not None, before)
         except OSError as error:
-            if isinstance(error, bc.BrdfError):
-                raise
             raise _cannot("written", error) from error
 
-    def place(self, name: str, source: Path, suffix: str) -> None:
-        """Move a finished file of this folder to NAME + suffix, while `changing`."""
-        others = [path for s in SUFFIXES if s != suffix and (path := self.path / f"{name}{s}").exists()]
-        choice = self._choice(name)
-        if others:  # killed between the next two steps, `find` still knows which of the two files is meant
-            with choice.open("w", encoding="ascii") as file:
-                file.write(suffix)
-                file.flush()
-                os.fsync(file.fileno())
-        os.replace(source, self.path / f"{name}{suffix}")
-        self._flush()
-        for path in (*others, choice):
-            path.unlink(missing_ok=True)
+    def put(self, name: str, source: Path, suffix: str, expected: list[File] | None) -> File:
+        with self._changing(name, expected):
+            path, choice = self.path / f"{name}{suffix}", self._choice(name)
+            others = [Path(file.path) for file in expected or () if file.path != str(path)]
+            if others:  # killed between the next two steps, `find` still knows which of the two files is meant
+                atomic.write_plain(choice, suffix.encode())
+            try:
+                os.replace(source, path)
+            except OSError:
+                choice.unlink(missing_ok=True)
+                raise
+            atomic.flush_folder(self.path)
+            for other in (*others, choice):
+                other.unlink(missing_ok=True)
+            placed = _file(str(path), SUFFIXES[suffix])
+        if placed is None:  # somebody beside the service has removed it
+            raise _cannot("written", FileNotFoundError(2, "the new file was removed at once"))
+        return placed
 
-    def remove(self, name: str) -> None:
-        """Remove all files of a material, while `changing`."""
-        for path in (*(self.path / f"{name}{suffix}" for suffix in SUFFIXES), self._choice(name)):
-            path.unlink(missing_ok=True)
-        self._flush()
+    def delete(self, name: str, expected: list[File] | None) -> None:
+        with self._changing(name, expected):
+            for path in (*(Path(file.path) for file in expected or ()), self._choice(name)):
+                path.unlink(missing_ok=True)
+            atomic.flush_folder(self.path)
 
     @contextlib.contextmanager
-    def new_file(self) -> Iterator[Path]:
-        """A place to write a file to that `place` then moves; what is left there is removed."""
-        path = self.path / f".new-{secrets.token_hex(8)}.tmp"
-        try:
-            yield path
-        except bc.StorageError as error:
-            raise _cannot("written", error) from error
-        finally:
-            path.unlink(missing_ok=True)
-
-    def new_scratch(self, id: str) -> Path:
-        """A new folder for the files of a job, on the same disk so that its result can be moved."""
-        path = self.path / f"{self._scratch}{os.getpid()}-{id}"
+    def scratch(self) -> Iterator[Path]:
+        # on the same disk, so that what is finished can be moved
+        path = self.path / f"{_NEW}{secrets.token_hex(4)}.{atomic.host()}.{os.getpid()}.00.tmp"
         try:
             path.mkdir()
         except OSError as error:
             raise _cannot("written", error) from error
-        return path
+        try:
+            yield path
+        except OSError as error:
+            raise error if isinstance(error, bc.BrdfError) else _cannot("written", error) from error
+        finally:
+            shutil.rmtree(path, ignore_errors=True)
+
+    def failed(self, error: OSError) -> bc.StorageError:
+        return _cannot("written", error)
+
+    # ---- records --------------------------------------------------------------------------------------
+
+    def put_record(self, key: str, content: bytes) -> None:
+        new = self._records / f".{key}.{secrets.token_hex(4)}"
+        try:
+            self._records.mkdir(exist_ok=True)
+            new.write_bytes(content)  # what is lost with the power is news of an hour
+            os.replace(new, self._records / f"{key}.json")
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                new.unlink(missing_ok=True)
+            raise _cannot("written", error) from error
+
+    def record(self, key: str) -> bytes | None:
+        try:
+            return (self._records / f"{key}.json").read_bytes() if key.isalnum() else None
+        except OSError:
+            return None
+
+    def records(self, most: int) -> Iterator[bytes]:
+        found: list[tuple[float, str]] = []
+        with contextlib.suppress(OSError), os.scandir(self._records) as entries:
+            found = [(entry.stat().st_mtime, entry.path) for entry in entries if not entry.name.startswith(".")]
+        for changed, path in sorted(found, reverse=True):
+            with contextlib.suppress(OSError):
+                if changed < time.time() - RECORDS_KEPT:
+                    os.unlink(path)
+                elif most > 0:
+                    most -= 1
+                    yield Path(path).read_bytes()
 
     def clean(self) -> None:
-        """Remove what jobs of this machine left behind when their service was killed."""
-        for path in self.path.glob(f"{self._scratch}*"):
-            number = path.name.removeprefix(self._scratch).partition("-")[0]
-            if number.isdigit() and (int(number) == os.getpid() or not _alive(int(number))):
+        with contextlib.suppress(OSError):
+            atomic.remove_leftovers(self.path, _NEW, own=True, seconds=UNFINISHED_KEPT)
+            for path in self._records.glob(".*"):
+                path.unlink(missing_ok=True)
+            for path in self.path.glob(".job-*"):  # of earlier versions
                 shutil.rmtree(path, ignore_errors=True)
 
     def _choice(self, name: str) -> Path:
         """The file that says which of two files of one name is meant, while one replaces the other."""
         return self.path / f".{name}.choice"
 
-    def _flush(self) -> None:
-        """See to it that a rename or removal has reached the disk."""
-        if fcntl is not None:
-            number = os.open(self.path, os.O_RDONLY)
-            try:
-                os.fsync(number)
-            finally:
-                os.close(number)
-
 
 def _file(path: str, kind: Kind) -> File | None:
     try:
         info = os.stat(path)
-    except OSError:
+    except (OSError, ValueError):
         return None
     if not stat.S_ISREG(info.st_mode):  # opening a FIFO would wait for ever
         return None
@@ -177,13 +216,3 @@ def _file(path: str, kind: Kind) -> File | None:
 def _cannot(what: Literal["read", "written"], error: OSError) -> bc.StorageError:
     reason = error.context.get("got") if isinstance(error, bc.BrdfError) else error.strerror
     return bc.StorageError("data_folder", f"the data folder cannot be {what} ({reason})", where="data")
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass
-    return True

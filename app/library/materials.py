@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import difflib
+import contextlib
 import hashlib
 import json
 import logging
 import re
 import threading
-from dataclasses import dataclass, field
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from brdf_service.http.errors import MaterialDamagedError, NotFoundError, describe
-from brdf_service.library.folder import File, Folder
+from brdf_service.http.errors import MaterialDamagedError, NotFoundError, NotReadyError, describe
 from brdf_service.library.lru import keep
+from brdf_service.library.store import File, Names, Store
 from cachetools import LRUCache
 
 import brdfcore as bc
@@ -23,8 +25,12 @@ log = logging.getLogger("brdf.library")
 
 ID = re.compile(r"[0-9a-f]{64}")
 
-#: Materials of a folder that is so small that its list is made in the event loop: some milliseconds at most.
-_FEW = 200
+#: Lines of lists that are remembered.
+_LINES = 20_000
+#: Seconds for which files may be read to find an id.
+_SEARCH_SECONDS = 2.0
+#: Bytes that a material counts for beside its arrays and its facts.
+_LEAST_BYTES = 8192
 
 
 @dataclass(frozen=True)
@@ -38,6 +44,7 @@ class Material:
     nbytes: int
     facts: dict[str, Any]
     tag: str
+    held_bytes: int
     #: Pieces of answers that are the same for every request, made when first needed.
     parts: dict[Any, Any] = field(default_factory=dict)
 
@@ -67,24 +74,27 @@ class Page:
 
 
 class Library:
-    """All methods may be called from several threads; those that may read a file say so, and belong off the event
-    loop."""
+    """All methods may be called from several threads; `peek` and `peek_id` also in the event loop, as they cost one
+    look at one file; the others read."""
 
-    def __init__(self, folder: Path, cache_bytes: int) -> None:
-        self.folder = Folder(folder)
+    def __init__(self, store: Store, cache_bytes: int) -> None:
+        self.store = store
         #: Requests whose material was loaded already, and those that had to read its file.
         self.hits = self.misses = 0
-        self._loaded: LRUCache[str, Material] = LRUCache(cache_bytes, getsizeof=lambda material: material.nbytes)
-        self._known: dict[str, Listed] = {}  # also of tables that were let go
+        #: What is to be said of measured files that are not read yet, by name.
+        self.waiting: dict[str, bc.BrdfError] = {}
+        self._loaded: LRUCache[str, Material] = LRUCache(cache_bytes, getsizeof=lambda material: material.held_bytes)
+        self._known: LRUCache[str, Listed] = LRUCache(_LINES)  # also of tables that were let go
+        self._ids: dict[str, tuple[File, str]] = {}  # name -> file as it was read, id
         self._names_of: dict[str, str] = {}  # id -> name
-        self._count: int | None = None  # of all materials, when last listed
         self._lock = threading.Lock()
         # one file is read at a time: two requests for one table must not hold it twice
         self._reading = threading.Lock()
+        self._searching, self._searched = threading.Lock(), ([""], 0.0)
 
     @property
     def loaded_bytes(self) -> int:
-        """Bytes of the tables held at the moment."""
+        """Bytes of the materials held at the moment."""
         return int(self._loaded.currsize)
 
     @property
@@ -93,13 +103,12 @@ class Library:
         return len(self._loaded)
 
     def peek(self, name: str) -> Material | None:
-        """The material if it is loaded and its file unchanged; reads no file."""
-        file = self._find(name)
+        """The material if it is loaded and its file unchanged: one look at it."""
         with self._lock:
             held = self._loaded.get(name)
-            if held is None or held.file != file:
-                return None
-            self.hits += 1
+        if held is None or not self.store.same(held.file):
+            return None
+        self.hits += 1
         return held
 
     def get(self, name: str) -> Material:
@@ -109,6 +118,7 @@ class Library:
         """
         material = self.peek(name)
         if material is None:
+            self._find(name)  # nobody waits to hear that there is none
             with self._reading:
                 material = self.peek(name) or self._load(name)
         return material
@@ -116,85 +126,94 @@ class Library:
     def peek_id(self, id: str) -> Material | None:
         """As `peek`, by id."""
         name = self._names_of.get(id)
-        try:
-            material = self.peek(name) if name is not None else None
-        except (NotFoundError, MaterialDamagedError):
-            return None
+        material = self.peek(name) if name is not None else None
         return material if material is not None and material.id == id else None
 
     def get_id(self, id: str) -> Material:
-        """As `get`, by id (reads every file that was never read)."""
+        """As `get`, by id. Reads files never read, for a bounded time: `NotReadyError` if some are left then."""
         if ID.fullmatch(id):
-            material = self.peek_id(id)
+            material = self.peek_id(id) or self._search(id)
             if material is not None:
                 return material
-            for name in self.folder.names()[0]:
-                line = self._line(name)
-                if line is not None and line.facts.get("id") == id:
-                    material = self.get(name)
-                    if material.id == id:
-                        return material
         text = "no table or model of this id is in the data folder; /v1/materials lists the ids"
         expected = "the id of a material, 64 hexadecimal digits"
         raise NotFoundError("unknown_table", text, where="id", got=id[:80], expected=expected)
 
-    def peek_page(self, offset: int, limit: int) -> Page | None:
-        """As `page` if the folder was small and no file has to be read; None otherwise."""
-        if self._count is None or self._count > _FEW:
+    def _search(self, id: str) -> Material | None:
+        with contextlib.suppress(NotFoundError, MaterialDamagedError):
+            if id in self._names_of:
+                material = self.get(self._names_of[id])
+                if material.id == id:
+                    return material
+        if not self._searching.acquire(blocking=False):
+            raise _not_read()
+        try:
+            names, until = self.store.names().all, time.monotonic() + _SEARCH_SECONDS
+            if self._searched[0] is names and time.monotonic() < self._searched[1]:
+                return None
+            for name in names:
+                if time.monotonic() > until:
+                    raise _not_read()
+                with contextlib.suppress(NotFoundError, MaterialDamagedError):
+                    file, read = self._find(name), self._ids.get(name)
+                    if read is None or read[0] != file:
+                        self.get(name)
+                    if self._ids.get(name, (None, ""))[1] == id:
+                        return self.get(name)
+            self._searched = names, time.monotonic() + _SEARCH_SECONDS
             return None
-        return self._page(offset, limit, reading=False)
+        finally:
+            self._searching.release()
 
     def page(self, offset: int, limit: int) -> Page:
         """`limit` materials from `offset` in order of their names (reads files never read)."""
-        page = self._page(offset, limit, reading=True)
-        assert page is not None
-        return page
+        names = self.store.names()
+        lines = [line for name in names.all[offset : offset + limit] if (line := self._line(name, names)) is not None]
+        return Page(lines, len(names.all), names.skipped)
 
-    def _page(self, offset: int, limit: int, *, reading: bool) -> Page | None:
-        names, skipped = self.folder.names()
-        self._count = len(names)
-        with self._lock:
-            for gone in self._known.keys() - set(names):
-                del self._known[gone]
-                self._loaded.pop(gone, None)
-            self._names_of = {id: name for id, name in self._names_of.items() if name in self._known}
-        lines = []
-        for name in names[offset : offset + limit]:
-            line = self._line(name, reading=reading)
-            if line is None:
-                return None
-            lines.append(line)
-        return Page(lines, len(names), skipped)
-
-    def _line(self, name: str, *, reading: bool = True) -> Listed | None:
-        """What is known of a file, after reading it if it is new or has changed; None if it is, and is not to be
-        read."""
+    def _line(self, name: str, names: Names) -> Listed | None:
+        """What is known of a file, after reading it if it is new or has changed."""
         file = None
         try:
-            file = self._find(name)
+            file = self.store.find(name)
             with self._lock:
                 known = self._known.get(name)
             if known is not None and known.file == file:
                 return known
-            return Listed(name, self.get(name).facts, file) if reading else None
-        except NotFoundError as error:  # deleted a moment ago
-            return Listed(name, {"name": name, "problem": describe(error)}, error=error)
+            if file is None and name in names.measured:
+                return _unusable(name, None, self.waiting.get(name) or _unread(names.measured[name]))
+            if file is None:
+                return _unusable(name, None, _nowhere(name))
+            return Listed(name, self.get(name).facts, file)
+        except NotFoundError:  # deleted a moment ago
+            return None
         except MaterialDamagedError as error:
-            cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
-            return _unusable(name, file, cause)
+            return _unusable(name, file, error)
 
     def _find(self, name: str) -> File:
-        file = self.folder.find(name)
+        file = self.store.find(name)
         if file is None:
+            if name in self.waiting:
+                raise _damaged(name, self.waiting[name])
+            self.forget([name])
             raise self.unknown(name)
         return file
 
     def unknown(self, name: str) -> NotFoundError:
         """What is said of a name that there is not, with those close to it."""
-        close = difflib.get_close_matches(name[:64], self.folder.names()[0], n=3, cutoff=0.5)
+        close = self.store.close_to(name)
         hint = f"did you mean {' or '.join(close)}?" if close else "/v1/materials lists what there is"
         expected, text = ", ".join(close) or "the name of a material", f"no material of this name; {hint}"
         return NotFoundError("unknown_material", text, where="name", got=name[:80], expected=expected)
+
+    def forget(self, gone: Iterable[str]) -> None:
+        """Let go of materials, to look at them anew."""
+        with self._lock:
+            for name in gone:
+                self._loaded.pop(name, None)
+                self._known.pop(name, None)
+                _, id = self._ids.pop(name, (None, ""))
+                self._names_of.pop(id, None)
 
     def _load(self, name: str) -> Material:
         self.misses += 1
@@ -215,11 +234,20 @@ class Library:
                 error.with_traceback(None)  # it would keep all that the reader had in memory
                 with self._lock:
                     self._known[name] = _unusable(name, file, error)
+                    self._ids[name] = file, ""
             raise _damaged(name, error) from error
+        return self.hold(material, file)
+
+    def hold(self, material: Material, file: File) -> Material:
+        """Keep a material that was read, as the one of this file."""
+        material, name = replace(material, file=file), material.name
         with self._lock:
             kept = keep(self._loaded, name, material)
             self._known[name] = Listed(name, material.facts, file)
-            self._names_of[material.id] = name
+            before = self._ids.get(name)
+            if before is not None and self._names_of.get(before[1]) == name:
+                del self._names_of[before[1]]
+            self._ids[name], self._names_of[material.id] = (file, material.id), name
         if not kept:
             text = "%s has %d bytes, more than BRDF_CACHE_BYTES = %d: it is read again for every request"
             log.warning(text, Path(file.path).name, material.nbytes, self._loaded.maxsize)
@@ -239,11 +267,17 @@ def open_material(name: str, file: File) -> Material:
         id, nbytes = _digest(of), 0
     facts = {"name": name, "kind": file.kind, "id": id, "nbytes": nbytes, "error": {}, "source": {}, **brdf.describe()}
     facts["id"] = id
-    return Material(name, file, brdf, id, nbytes, facts, _digest(facts))
+    # a number of a list takes as much again as its text: parameters and channels weigh, not only arrays
+    held = nbytes + 4 * len(_text(facts)) + _LEAST_BYTES
+    return Material(name, file, brdf, id, nbytes, facts, _digest(facts), held)
+
+
+def _text(content: dict[str, Any]) -> bytes:
+    return json.dumps(content, sort_keys=True, default=str).encode()
 
 
 def _digest(content: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+    return hashlib.sha256(_text(content)).hexdigest()
 
 
 def _without_folder(error: Exception, path: Path) -> Exception:
@@ -261,3 +295,17 @@ def _unusable(name: str, file: File | None, error: Exception) -> Listed:
 def _damaged(name: str, error: Exception) -> MaterialDamagedError:
     text, expected = f"{name}: its file cannot be used: {describe(error)['detail']}", "a material file that can be read"
     return MaterialDamagedError("material_damaged", text, where="name", got=name, expected=expected)
+
+
+def _unread(file: str) -> bc.BrdfError:
+    return bc.FileFormatError("not_read_yet", f"{file} is a measured file that waits to be read", where=file)
+
+
+def _nowhere(name: str) -> bc.BrdfError:
+    text = f"{name}: its file is a link that leads nowhere, or no regular file; remove it"
+    return bc.StorageError("cannot_open", text, where=name)
+
+
+def _not_read() -> NotReadyError:
+    text = "files are being read to find this id; ask again, or ask by name"
+    return NotReadyError("ids_unread", text, where="id", retry_after=1)

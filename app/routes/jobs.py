@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
+from anyio import CancelScope
 from anyio.to_thread import run_sync
 from brdf_service.http.errors import NotFoundError
 from brdf_service.http.json import to_json
@@ -14,7 +15,7 @@ from brdf_service.http.openapi import content_of, operation
 from brdf_service.http.query import NoQuery, parse_query
 from brdf_service.http.security import check_write
 from brdf_service.library.writing import Condition
-from brdf_service.schemas.work import JobAnswer
+from brdf_service.schemas.work import JobAnswer, JobList
 from brdf_service.state import State, state_of
 from brdf_service.work.jobs import Job, JobKind
 from fastapi import APIRouter
@@ -41,7 +42,7 @@ ACCEPTED: dict[int | str, Any] = {
     }
 }
 
-router = APIRouter(prefix="/v1/jobs/{id}", tags=["jobs"])
+router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 
 
 @asynccontextmanager
@@ -50,8 +51,9 @@ async def new_job(state: State, kind: JobKind, name: str, condition: Condition) 
     job = await run_sync(state.jobs.start, kind, name, condition)
     try:
         yield job
-    except BaseException:
-        state.jobs.drop(job)
+    except BaseException as error:
+        with CancelScope(shield=True):
+            await run_sync(state.jobs.drop, job, error)
         raise
 
 
@@ -64,9 +66,26 @@ def accepted(state: State, job: Job) -> Response:
 @router.get(
     "",
     **operation(
+        "jobs",
+        "all jobs, the newest first",
+        "Of this process, and as far as their records tell of others that share the data folder. Kept for an hour.",
+        answer=(JobList,),
+        says="the jobs",
+        refusals=(503,),
+    ),
+)
+async def jobs_get(request: Request) -> Response:
+    parse_query(request.scope["query_string"], NoQuery)
+    told = await run_sync(state_of(request).jobs.newest)
+    return Response(to_json({"jobs": told}), 200, media_type="application/json")
+
+
+@router.get(
+    "/{id}",
+    **operation(
         "job",
         "how far a job is",
-        "Kept for an hour after its end. `code` is job_lost if this process does not know it (any more).",
+        "Kept for an hour after its end. `code` is job_lost if nothing is known of it (any more).",
         answer=(JobAnswer,),
         says="state and progress",
         refusals=(404,),
@@ -74,12 +93,13 @@ def accepted(state: State, job: Job) -> Response:
     ),
 )
 async def job_get(request: Request) -> Response:
-    state, job = _find(request)
-    return Response(_told(state, job), 200, media_type="application/json")
+    parse_query(request.scope["query_string"], NoQuery)
+    told = await run_sync(state_of(request).jobs.told, request.path_params["id"])
+    return Response(to_json(told), 200, media_type="application/json")
 
 
 @router.get(
-    "/events",
+    "/{id}/events",
     **operation(
         "job_events",
         "a job's progress as it happens",
@@ -98,11 +118,11 @@ async def job_events(request: Request) -> Response:
 
 
 @router.delete(
-    "",
+    "/{id}",
     **operation(
         "cancel_job",
         "cancel a job",
-        "One that has ended stays as it is.",
+        "One that has ended, or whose file is being put into its place, stays as it is.",
         answer=(JobAnswer,),
         says="the job, ended",
         refusals=(401, 403, 404),
@@ -112,12 +132,12 @@ async def job_events(request: Request) -> Response:
 async def job_delete(request: Request) -> Response:
     check_write(state_of(request).settings, request.headers)
     state, job = _find(request)
-    state.jobs.cancel(job)
+    await run_sync(state.jobs.cancel, job)
     return Response(_told(state, job), 200, media_type="application/json")
 
 
 @router.get(
-    "/pareto.png",
+    "/{id}/pareto.png",
     **operation(
         "pareto_picture",
         "the picture of a report",

@@ -66,8 +66,7 @@ add_resources(router, (METADATA, *RESOURCES))
 
 async def page_of(library: Library, offset: int, limit: int) -> Page:
     """A page of the list of materials; off the event loop if files have to be read, or many looked at."""
-    page = library.peek_page(offset, limit)
-    return page if page is not None else await run_sync(library.page, offset, limit)
+    return await run_sync(library.page, offset, limit)
 
 
 @router.get(

@@ -46,6 +46,10 @@ async def pareto(request: Request) -> Response:
     asked = model_from_json(body, ParetoRequest, '{"tolerance": 0.01}')
     await run_sync(state.library.get, name)  # says what there is instead
     async with new_job(state, "pareto", name, Condition()) as job:
-        path = await run_sync(state.store.copy, name, job.folder)  # it may be replaced meanwhile
-        state.jobs.submit(job, {"material": name, "input": str(path), "pareto": asked.model_dump(exclude_none=True)})
+        path = await run_sync(state.writer.copy, name, job.folder)  # it may be replaced meanwhile
+        await run_sync(
+            state.jobs.submit,
+            job,
+            {"material": name, "input": str(path), "pareto": asked.model_dump(exclude_none=True)},
+        )
     return accepted(state, job)

@@ -95,8 +95,8 @@ async def put(request: Request) -> Response:
     options = asked.tabulate.model_dump(exclude_unset=True)
     _check_table(options, len(model.channels), state.settings)
     async with new_job(state, "tabulate", name, condition) as job:
-        await run_sync(state.store.check, name, condition)
-        state.jobs.submit(job, {**asked.model_dump(exclude={"tabulate"}), "tabulate": options})
+        await run_sync(state.writer.check, name, condition)
+        await run_sync(state.jobs.submit, job, {**asked.model_dump(exclude={"tabulate"}), "tabulate": options})
     return accepted(state, job)
 
 
@@ -125,15 +125,18 @@ async def upload(request: Request) -> Response:
     if asked.tabulate is not None:
         options = validated(asked.tabulate, TabulateOptions, "tabulate.").model_dump(exclude_unset=True)
         _check_table(options, 1, settings)
-    await run_sync(state.store.check, name, condition)
+    await run_sync(state.writer.check, name, condition)
     async with new_job(state, "upload", name, condition) as job:
         path = job.folder / name  # the readers tell the file by this name
-        with path.open("xb") as file:  # nothing of it is kept in memory
-            async for piece in pieces(request, settings.max_upload_bytes, settings.upload_seconds):
-                await run_sync(file.write, piece)
+        try:
+            with path.open("xb") as file:  # nothing of it is kept in memory
+                async for piece in pieces(request, settings.max_upload_bytes, settings.upload_seconds):
+                    await run_sync(file.write, piece)
+        except OSError as error:
+            raise state.writer.store.failed(error) from error
         await run_sync(_check_file, path, asked.format, settings)
         reading = {"input": str(path), "format": asked.format, "options": asked.options or {}}
-        state.jobs.submit(job, {**reading, "tabulate": options})
+        await run_sync(state.jobs.submit, job, {**reading, "tabulate": options})
     return accepted(state, job)
 
 
@@ -152,7 +155,7 @@ async def upload(request: Request) -> Response:
 )
 async def delete(request: Request) -> Response:
     state, name, condition, _ = _writer(request, NoQuery)
-    await run_sync(state.store.delete, name, condition)
+    await run_sync(state.writer.delete, name, condition)
     return Response(status_code=204)
 
 
@@ -166,8 +169,7 @@ def _writer(request: Request, query: type[Q]) -> tuple[State, str, Condition, Q]
 
 
 def _put_model(state: State, name: str, model: bc.Brdf, condition: Condition) -> Response:
-    replaced = state.store.put_model(name, model, condition)
-    material = state.library.get(name)
+    material, replaced = state.writer.put_model(name, model, condition)
     headers = {"etag": etag_of_material(name, material.tag), "location": f"/v1/materials/{name}"}
     body = to_json(with_links(name, material.facts))
     return Response(body, 200 if replaced else 201, headers, media_type="application/json")

@@ -97,7 +97,7 @@ class JobAnswer(Strict):
     """A job."""
 
     id: str
-    kind: Literal["upload", "tabulate", "pareto"]
+    kind: Literal["upload", "import", "tabulate", "pareto"]
     material: str
     state: Literal["receiving", "queued", "running", "done", "failed", "cancelled"]
     progress: JobProgress
@@ -109,3 +109,9 @@ class JobAnswer(Strict):
         description="once it is done: id, bytes and measured error of the material; of a report its materials"
     )
     links: dict[str, str]
+
+
+class JobList(Strict):
+    """Jobs, the newest first."""
+
+    jobs: list[JobAnswer]

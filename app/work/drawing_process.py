@@ -1,6 +1,6 @@
 """The process that draws: one picture after the other, until the service ends.
 
-A task names a material (`name`, `id`, `file` as in `folder.File`) and a `picture`, the fields of `Picture`. The answer
+A task names a material (`name`, `id`, `file` as in `store.File`) and a `picture`, the fields of `Picture`. The answer
 is {"bytes": n} and n bytes; {"problem": {...}}, an error of the library; {"failed": true}, any other, whose traceback
 is on stderr; or {"changed": true}: the file does not hold that material any more.
 """
@@ -22,9 +22,9 @@ _TABLE_BYTES, _LEAST_BYTES = 64 * 2**20, 64 * 2**10
 def main() -> None:
     """Draw what is asked for."""
     parent = Parent()  # before what takes a second to import, and may print
-    from brdf_service.library.folder import File
     from brdf_service.library.lru import keep
     from brdf_service.library.materials import Material, open_material
+    from brdf_service.library.store import File
     from brdf_service.work.pictures import Picture, draw
     from cachetools import LRUCache
 

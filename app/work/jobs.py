@@ -1,65 +1,75 @@
-"""Long work: one job at a time in a process of its own, a few waiting, each told about for an hour after its end."""
+"""Long work: a process of its own for each job, few at once; a record of each in the store, an hour after its end."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
 import secrets
-import shutil
 import signal
 import threading
 import time
 from collections import Counter
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from queue import SimpleQueue
 from typing import IO, Any, Literal
 
 from brdf_service.http.errors import BusyError, NotFoundError, describe, status_of
-from brdf_service.library.writing import Condition, Store
+from brdf_service.library.writing import Condition, Writer
 from brdf_service.settings import Settings
 from brdf_service.work.subprocesses import Child, rebuilt
 
 import brdfcore as bc
+from brdfcore.base import atomic
 
 log = logging.getLogger("brdf.jobs")
 
-JobKind = Literal["upload", "tabulate", "pareto"]
+JobKind = Literal["upload", "import", "tabulate", "pareto"]
 JobState = Literal["receiving", "queued", "running", "done", "failed", "cancelled"]
 
-#: Jobs that may wait beside the one that runs.
+#: Jobs that may wait beside those that run.
 QUEUED = 8
+#: Jobs that run at most, of which no more than one in its first seconds: a short one never waits for long ones, unless
+#: there are as many of those.
+RUNNING, YOUNG_SECONDS = 3, 10.0
 KEPT_SECONDS = 3600.0
-#: Seconds after which a refused caller may try again.
-_RETRY = 10
+#: Jobs of other processes that are told of.
+_TOLD = 200
+#: Seconds after which a refused caller may try again, and between two records of a job's progress.
+_RETRY, _RECORD = 10, 1.0
 #: Wall-clock time a job may take, for each second of processor time it may.
 _PATIENCE = 2
 
 
 @dataclass
 class Job:
-    """One upload, tabulation or report. `version` counts its changes; `picture` is a report's, PNG; `folder` takes its
-    files, of which its own begin with a dot, as no name of a material does."""
+    """One upload, import, tabulation or report. `version` counts its changes; `picture` is a report's, PNG; `folder`
+    takes its files, of which its own begin with a dot, as no name of a material does."""
 
     id: str
     kind: JobKind
     material: str
     condition: Condition
     folder: Path
+    keeping: ExitStack = field(default_factory=ExitStack)
     task: dict[str, Any] = field(default_factory=dict)
     state: JobState = "receiving"
     progress: tuple[int, int, str] = (0, 1, "waiting")
     created: float = field(default_factory=time.time)
     queued: float = 0.0
+    started: float = 0.0
+    recorded: float = 0.0
     finished: float | None = None
     problem: dict[str, Any] | None = None
     made: dict[str, Any] | None = None
     picture: bytes | None = None
     version: int = 0
     child: Child | None = None
+    #: Its file is being put into its place: it can't be cancelled any more.
+    placing: bool = False
 
     @property
     def ended(self) -> bool:
@@ -95,14 +105,13 @@ class Job:
 
 
 class Jobs:
-    """All jobs of this process. Methods may be called from several threads, and none of them waits for work."""
+    """All jobs of this process. Methods may be called from several threads; those that say so touch files."""
 
-    def __init__(self, settings: Settings, store: Store) -> None:
-        self.settings, self.store = settings, store
+    def __init__(self, settings: Settings, writer: Writer) -> None:
+        self.settings, self.writer = settings, writer
         self._jobs: dict[str, Job] = {}
-        self._queue: SimpleQueue[Job | None] = SimpleQueue()
         self._lock = threading.Lock()
-        self._thread: threading.Thread | None = None
+        self._threads: set[threading.Thread] = set()
         self._stopping = False
 
     def start(self, kind: JobKind, material: str, condition: Condition) -> Job:
@@ -110,20 +119,20 @@ class Jobs:
 
         Raises `BusyError` if there is no place (makes a folder).
         """
-        id = secrets.token_hex(16)
-        folder = self.store.folder.new_scratch(id)
+        id, keeping = secrets.token_hex(16), ExitStack()
+        folder = keeping.enter_context(self.writer.store.scratch())
         with self._lock:
             self._forget()
             waiting = sum(not job.ended and job.state != "running" for job in self._jobs.values())
             if waiting < QUEUED and not self._stopping:
-                job = self._jobs[id] = Job(id, kind, material, condition, folder)
+                job = self._jobs[id] = Job(id, kind, material, condition, folder, keeping)
                 return job
-        shutil.rmtree(folder, ignore_errors=True)
+        keeping.close()
         text = f"{waiting} jobs wait already; the limit is {QUEUED}; try again later"
         raise BusyError("queue_full", text, got=waiting, limit=QUEUED, retry_after=_RETRY)
 
     def submit(self, job: Job, task: dict[str, Any]) -> None:
-        """Queue a job that `start` made."""
+        """Queue a job that `start` made (writes its record)."""
         job.task = {
             "result": str(job.folder / ".result"),
             "picture": str(job.folder / ".picture"),
@@ -136,29 +145,57 @@ class Jobs:
             if job.ended:  # cancelled while it was received
                 return
             job.change(state="queued", queued=time.monotonic())
-            self._queue.put(job)
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="jobs", daemon=True)
-                self._thread.start()
+        self._record(job)
+        self._begin()
 
-    def drop(self, job: Job) -> None:
-        """Forget a job that was never submitted."""
+    def drop(self, job: Job, error: BaseException | None = None) -> None:
+        """End a job that was never submitted: with the error for which it was not, or without a trace (removes its
+        files)."""
         with self._lock:
-            self._jobs.pop(job.id, None)
-        shutil.rmtree(job.folder, ignore_errors=True)
+            if error is None or not isinstance(error, bc.BrdfError):
+                self._jobs.pop(job.id, None)
+            elif not job.ended:
+                job.change(finished=time.time(), **_failed(job, error))
+        if job.id in self._jobs:
+            self._record(job)
+        job.keeping.close()
 
     def get(self, id: str) -> Job:
-        """The job. Raises `NotFoundError` if it is not known (any more)."""
+        """The job. Raises `NotFoundError` if this process does not know it (any more)."""
         with self._lock:
             self._forget()
             job = self._jobs.get(id)
         if job is None:
             text = (
-                "no job of this id: it never was, ended more than an hour ago, was lost when the service restarted, or "
-                "is another replica's; its material tells whether it was done"
+                "no job of this id is known here: it never was, ended more than an hour ago, or belongs to another "
+                "replica, of which /v1/jobs and /v1/jobs/{id} tell; its material tells whether it was done"
             )
             raise NotFoundError("job_lost", text, where="id", got=id[:80], expected="the id of a job of this process")
         return job
+
+    def told(self, id: str) -> dict[str, Any]:
+        """The job as JSON, by its record if it is not of this process (reads a file). Raises as `get`."""
+        try:
+            job = self.get(id)
+        except NotFoundError:
+            found = _read(self.writer.store.record(id))
+            if found is None:
+                raise
+            return found
+        return job.to_json(self.ahead(job))
+
+    def newest(self) -> list[dict[str, Any]]:
+        """All jobs as JSON, the newest first, with those of other processes as far as they are recorded (reads
+        files)."""
+        with self._lock:
+            self._forget()
+            own = list(self._jobs.values())
+        found = {job.id: job.to_json(self.ahead(job)) for job in own}
+        for raw in self.writer.store.records(_TOLD):
+            told = _read(raw)
+            if told is not None:
+                found.setdefault(told["id"], told)
+        return sorted(found.values(), key=lambda told: str(told["created"]), reverse=True)
 
     def ahead(self, job: Job) -> int:
         """Its place in the queue, from 1; 0 once it runs."""
@@ -167,16 +204,18 @@ class Jobs:
             return sum(other.queued <= job.queued for other in queued) if job.state == "queued" else 0
 
     def cancel(self, job: Job) -> None:
-        """End a job; one that has ended stays as it is."""
+        """End a job; one that has ended, or whose file is being put into its place, stays as it is."""
         with self._lock:
-            if job.ended:
+            if job.ended or job.placing:
                 return
+            before = job.state
             job.change(state="cancelled", finished=time.time())
             child = job.child
         if child is not None:
             child.kill()
-        else:
-            shutil.rmtree(job.folder, ignore_errors=True)
+        self._record(job)
+        if before == "queued":  # one that is received or runs is looked after by who does it
+            job.keeping.close()
 
     def counts(self) -> Counter[str]:
         """Number of jobs by state."""
@@ -187,11 +226,10 @@ class Jobs:
         """End all of them: the service ends."""
         with self._lock:
             self._stopping = True
-            jobs, thread = list(self._jobs.values()), self._thread
-        self._queue.put(None)
+            jobs, threads = list(self._jobs.values()), list(self._threads)
         for job in jobs:
             self.cancel(job)
-        if thread is not None:
+        for thread in threads:
             thread.join(timeout=5)
 
     def _forget(self) -> None:
@@ -199,25 +237,51 @@ class Jobs:
         for id in [id for id, job in self._jobs.items() if job.finished is not None and job.finished < old]:
             del self._jobs[id]
 
-    # ---- the thread that runs them --------------------------------------------------------------------
+    def _record(self, job: Job) -> None:
+        job.recorded = time.monotonic()
+        owner = {"owner": [atomic.host(), os.getpid()]}
+        with contextlib.suppress(bc.StorageError):  # it is told of as long as this process lives
+            content = json.dumps({**job.to_json(self.ahead(job)), **owner}, default=str)
+            self.writer.store.put_record(job.id, content.encode())
 
-    def _run(self) -> None:
-        while (job := self._queue.get()) is not None:
-            with self._lock:
-                if job.ended:  # cancelled while it waited
-                    continue
-                job.change(state="running", progress=(0, 1, "starting"))
-            try:
-                with (job.folder / ".stderr").open("w+b") as errors:
-                    end = self._do(job, errors)
-            except Exception as error:
-                if not isinstance(error, bc.BrdfError):
-                    log.exception("job %s failed", job.id)
-                end = _failed(job, error)
-            shutil.rmtree(job.folder, ignore_errors=True)
-            with self._lock:
-                if not job.ended:
-                    job.change(finished=time.time(), **end)
+    # ---- the threads that run them --------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        """Start the next job if it may run; look again when one ends, or is not young any more."""
+        with self._lock:
+            now, running = time.monotonic(), [job for job in self._jobs.values() if job.state == "running"]
+            waiting = [job for job in self._jobs.values() if job.state == "queued"]
+            if self._stopping or not waiting or len(running) >= RUNNING:
+                return
+            oldest = min(waiting, key=lambda job: job.queued)
+            young = [job.started + YOUNG_SECONDS - now for job in running if now - job.started < YOUNG_SECONDS]
+            if young:
+                timer = threading.Timer(min(young) + 0.01, self._begin)
+                timer.daemon = True
+                timer.start()
+                return
+            oldest.change(state="running", started=now, progress=(0, 1, "starting"))
+            thread = threading.Thread(target=self._run, args=(oldest,), name="job", daemon=True)
+            self._threads.add(thread)
+            thread.start()
+
+    def _run(self, job: Job) -> None:
+        self._record(job)
+        try:
+            with (job.folder / ".stderr").open("w+b") as errors:
+                end = self._do(job, errors)
+        except Exception as error:
+            if not isinstance(error, bc.BrdfError):
+                log.exception("job %s failed", job.id)
+            end = _failed(job, error)
+        with contextlib.suppress(Exception):
+            job.keeping.close()
+        with self._lock:
+            if not job.ended:
+                job.change(finished=time.time(), **end)
+            self._threads.discard(threading.current_thread())
+        self._record(job)
+        self._begin()
 
     def _do(self, job: Job, errors: IO[bytes]) -> dict[str, Any]:
         """Do a job; the fields that its success changes."""
@@ -235,8 +299,11 @@ class Jobs:
                     done, total, stage = said["progress"]
                     with self._lock:
                         job.change(progress=(int(done), int(total), str(stage)[:200]))
+                    if time.monotonic() - job.recorded > _RECORD:
+                        self._record(job)
             child.process.wait()
-        job.child = None
+        with self._lock:
+            job.child, job.placing = None, not job.ended  # from here on it is done, or fails for another reason
         if job.ended:
             return {}
         if "problem" in said:
@@ -246,8 +313,7 @@ class Jobs:
         if job.kind == "pareto":
             told, picture = (Path(job.task[key]).read_bytes() for key in ("result", "picture"))
             return {"state": "done", "made": json.loads(told), "picture": picture, "progress": (1, 1, "done")}
-        self.store.place(job.material, Path(job.task["result"]), said["made"], job.condition)
-        material = self.store.library.get(job.material)
+        material, _ = self.writer.place(job.material, Path(job.task["result"]), said["made"], job.condition)
         made = {"id": material.id, "nbytes": material.nbytes, "error": material.facts["error"]}
         return {"state": "done", "made": made, "progress": (1, 1, "done")}
 
@@ -279,3 +345,19 @@ def _failed(job: Job, error: Exception) -> dict[str, Any]:
 
 def _time(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
+
+
+def _read(raw: bytes | None) -> dict[str, Any] | None:
+    """What a record tells; a job whose process is gone has failed."""
+    try:
+        told = json.loads(raw or b"null")
+        host, pid = told.pop("owner")
+        ended = told["finished"]
+        if ended is not None and datetime.fromisoformat(ended).timestamp() < time.time() - KEPT_SECONDS:
+            return None
+        if ended is None and host == atomic.host() and not atomic.alive(int(pid)):
+            text = "the service ended before the job was done; ask for it again"
+            told |= {"state": "failed", "problem": {"status": 503, "code": "job_lost", "detail": text}}
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return None
+    return dict(told)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import secrets
 import shutil
 import socket
 import stat
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar, overload
@@ -38,7 +40,7 @@ def write_file(path: Path, content: Content, check: Callable[[Path], T] | None =
     Raises `StorageError`; `LimitError` or `FileFormatError` where the reader refuses what was written.
     """
     refuse_special(path)
-    temporary = path.with_name(f".{path.name}.{_host()}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
+    temporary = path.with_name(f".{path.name}.{host()}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
     try:
         remove_leftovers(path.parent, f".{path.name}.")
         os.mkdir(temporary)
@@ -100,14 +102,19 @@ def cannot_write(path: Path, error: OSError) -> StorageError:
     return StorageError("cannot_write", f"{path}: cannot be written: {reason}", where=str(path), got=reason)
 
 
-def remove_leftovers(folder: Path, prefix: str) -> None:
-    """Remove unfinished files, named PREFIX*HOST.PID.*.tmp, of processes of this machine that are gone."""
+def remove_leftovers(folder: Path, prefix: str, *, own: bool = False, seconds: float = math.inf) -> None:
+    """Remove unfinished files, named PREFIX*HOST.PID.*.tmp, of processes of this machine that are gone.
+
+    own      those of this process's number too: it has none yet, an earlier process of that number had them.
+    seconds  those of any machine that are older.
+    """
     with os.scandir(folder) as entries:
         found = [e.name for e in entries if e.name.startswith(prefix) and e.name.endswith(".tmp")]
     for name in found:
-        host, number, _ = ["", "", *name.removesuffix(".tmp").split(".")][-3:]
-        if host == _host() and number.isdigit() and not alive(int(number)):
-            path = folder / name
+        path = folder / name
+        where, number, _ = ["", "", *name.removesuffix(".tmp").split(".")][-3:]
+        gone = where == host() and number.isdigit() and ((own and int(number) == os.getpid()) or not alive(int(number)))
+        if gone or (seconds < math.inf and path.lstat().st_mtime < time.time() - seconds):
             shutil.rmtree(path, ignore_errors=True)
             with contextlib.suppress(OSError):
                 path.unlink(missing_ok=True)
@@ -134,5 +141,6 @@ def _checked(path: Path, temporary: Path, check: Callable[[Path], T]) -> T:
         raise StorageError(error.code, error.detail.replace(str(temporary), str(path)), **error.context) from error
 
 
-def _host() -> str:
+def host() -> str:
+    """This machine, in letters, digits and hyphens."""
     return "".join(c for c in socket.gethostname() if c.isalnum() or c == "-")[:32] or "host"

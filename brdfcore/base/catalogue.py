@@ -44,5 +44,10 @@ def formats() -> dict[str, tuple[Parameter, ...]]:
     return _parameters(FORMATS)
 
 
+def extensions() -> dict[str, tuple[str, ...]]:
+    """Every file format with the usual ends of its files' names; a file is told by its content, not by them."""
+    return {name: FORMATS.load(name).EXTENSIONS for name in FORMATS}
+
+
 def _parameters(registry: Registry) -> dict[str, tuple[Parameter, ...]]:
     return {name: registry.load(name).PARAMETERS for name in registry}

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from brdf_service.http.errors import MaterialDamagedError, NotFoundError
+from brdf_service.library.folder import Folder
 from brdf_service.library.lru import keep
 from brdf_service.library.materials import Library
 from brdf_service.schemas.materials import MaterialLine, MaterialList
@@ -85,7 +86,7 @@ def test_unknown_names_and_ids(shared_client: TestClient) -> None:
 def test_traversal_on_the_wire(data: Path) -> None:
     """As the router sees it, whatever a client library would have tidied up before sending."""
     (data.parent / "secret.json").write_text('{"model": "lambert"}')
-    library = Library(data, 10**9)
+    library = Library(Folder(data), 10**9)
     for name in ("../secret", "..", "../data/gold", "/etc/passwd", "gold\n", "gold\0", ""):
         with pytest.raises(NotFoundError):
             library.get(name)
@@ -177,7 +178,7 @@ def test_data_folder_gone(data: Path, client: TestClient) -> None:
 
 
 def test_loaded_tables_are_bounded_by_bytes(data: Path, serve: Serve) -> None:
-    size = bc.open_table(data / "gold-grid.h5").nbytes
+    size = Library(Folder(data), 10**9).get("gold-grid").held_bytes
     for k in range(6):
         (data / f"copy{k}.h5").write_bytes((data / "gold-grid.h5").read_bytes())
     client = serve(cache_bytes=2 * size + size // 2)
@@ -209,25 +210,8 @@ def test_what_is_kept_is_bounded_by_bytes() -> None:
     assert cache.currsize == 1
 
 
-def test_a_list_in_passing(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Made in the event loop only where that reads no file and looks at few."""
-    library = Library(data, 10**9)
-    assert library.peek_page(0, 100) is None  # nothing is known of the folder
-    page = library.page(0, 100)
-    assert library.peek_page(0, 100) == page
-    assert library.peek_page(1, 2) == library.page(1, 2)
-    (data / "new.json").write_text('{"model": "lambert"}')
-    assert library.peek_page(0, 100) is None
-    assert [line.name for line in library.page(0, 100).lines if line.name == "new"]
-    assert library.peek_page(0, 100) is not None
-    (data / "new.json").unlink()
-    assert library.peek_page(0, 100) == page
-    monkeypatch.setattr("brdf_service.library.materials._FEW", page.total - 1)
-    assert library.peek_page(0, 100) is None
-
-
 def test_a_table_is_read_once(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    library = Library(data, 10**9)
+    library = Library(Folder(data), 10**9)
     opened = []
     real = bc.open_table
     monkeypatch.setattr(bc, "open_table", lambda path: opened.append(path) or real(path))  # type: ignore[func-returns-value]

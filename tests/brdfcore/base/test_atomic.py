@@ -128,7 +128,7 @@ def test_a_special_file_is_not_replaced(tmp_path: Path) -> None:
 def test_leftovers_of_processes_that_are_gone_are_removed(tmp_path: Path) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    host = atomic._host()
+    host = atomic.host()
     dead, living = (tmp_path / f".a.json.{host}.{pid}.00.tmp" for pid in (gone.pid, os.getpid()))
     for folder in (dead, living):
         folder.mkdir()
