@@ -86,6 +86,7 @@ REPRESENTATIONS = Registry(
         "half_angle_grid": "brdfcore.tables.half_angle_grid:HalfAngleGrid",
         "scattered": "brdfcore.tables.scattered.table:Scattered",
         "specular_grid": "brdfcore.tables.specular_grid:SpecularGrid",
+        "node_grid": "brdfcore.tables.node_grid:NodeGrid",
     },
 )
 
@@ -98,6 +99,7 @@ FORMATS = Registry(
         "openmaterial": "brdfcore.formats.openmaterial.format:OpenMaterialFormat",
         "table": "brdfcore.formats.table:TableFormat",
         "model": "brdfcore.formats.model_file:ModelFormat",
+        "mbsdf": "brdfcore.formats.mbsdf:MbsdfFormat",
         "merl": "brdfcore.formats.merl:MerlFormat",
         # last: any rows of numbers may be one
         "csv": "brdfcore.formats.csv.format:CsvFormat",

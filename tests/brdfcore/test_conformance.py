@@ -93,7 +93,8 @@ def materials(tmp_path_factory: pytest.TempPathFactory) -> list[bc.Brdf]:
     measured.write_bytes(encode(fields_of()))
     small = bc.tabulate(gold, "half_angle_grid", shape=(8, 7, 12))
     listed = to_brdf(goniometer.measured(goniometer.paint(), lights=4, viewers=4, turns=4))
-    return [gold, bc.tabulate(gold, "angle_grid", shape=(16, 16, 31)), small, bc.read(measured), listed]
+    nodes = bc.tabulate(gold, "node_grid", shape=(6, 6, 8))
+    return [gold, bc.tabulate(gold, "angle_grid", shape=(16, 16, 31)), small, bc.read(measured), listed, nodes]
 
 
 @pytest.mark.parametrize("many", first_fast(False, True), ids=["one", "all"])
