@@ -1,14 +1,14 @@
 """MBSDF, the measured BSDF of NVIDIA's Material Definition Language: read and written.
 
-A text header (`NVIDIA ARC MBSDF V1`, then lines of name="value", each ended by a line feed), then one block or two: a
+A text header (`NVIDIA ARC MBSDF V1`, then lines of name="value", each ended by a line feed), then a block or two: a
 line `MBSDF_DATA=` or `MBSDF_DATA_REFLECTION=`, or `MBSDF_DATA_TRANSMISSION=`; three little-endian uint32 (type: 0 one
-channel, 1 red, green, blue; N cells of theta, M of phi); N x N x M x channels float32, theta_in slowest, then theta_out,
-phi, channel. f in 1/sr without the cosine, at the middle of cells: theta (i + 1/2) 90/N, phi = |phi_out - phi_in|
+channel, 1 red, green, blue; N cells of theta, M of phi); N x N x M x channels float32, theta_in slowest, then theta_out
+and phi. f in 1/sr without the cosine, at the middle of cells: theta (i + 1/2) 90/N, phi = |phi_out - phi_in|
 (k + 1/2) 180/M degrees, the mirror direction at 180; linear between them, beyond the outermost its value. Renderers
 (Omniverse, Iray, and what is built on the MDL SDK) average f(in, out) and f(out, in), clip negative values where they
 sample, and scale by 1 / the largest albedo above 1; the file itself is none of that, and is read as it stands.
 
-Read to a `node_grid` of the file's own cells and numbers, so that it is written again byte for byte. Transmission is not
+Read to a `node_grid` of the file's own cells and numbers, so that it is written again byte for byte. Transmission isn't
 held: its block is left out, by name; a file of nothing else is refused. Anything else is written as its values in the
 middle of `shape` cells.
 """

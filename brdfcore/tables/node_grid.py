@@ -1,6 +1,6 @@
 """f_r at given nodes of (theta_i, theta_o, delta_phi), even or not: what a file with a grid of angles says, to the bit.
 
-Files state values at cell centres (MBSDF) or at the angles of a goniometer (Speos). Held here, each is answered with the
+Files state values at cell centres (MBSDF) or at angles of a goniometer (Speos). Held here, each is answered with the
 file's own number at its own geometry; a resampled grid would not.
 """
 
@@ -24,7 +24,7 @@ from brdfcore.tables.sampled import bad_field
 
 Float64Array = npt.NDArray[np.float64]
 
-#: What is the same from one node of theta_i to the next: theta_o and delta_phi, or the place about the mirror direction.
+#: What is the same from one node of theta_i to the next: theta_o, delta_phi, or the place about the mirror direction.
 BETWEEN = ("angles", "mirror")
 #: Cells of theta_i, theta_o and half a turn of delta_phi, where no shape is asked for.
 DEFAULT_SHAPE = (45, 45, 90)
