@@ -24,15 +24,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.atomic import replacing
-from brdfcore.brdf import RGB, VALUE, Brdf
-from brdfcore.conventions import HALF_PI
-from brdfcore.errors import FileFormatError, InputError
-from brdfcore.formats.base import Format, LossWarning, read_bytes
-from brdfcore.formats.import_report import measures_of, value_range
+from brdfcore.base.atomic import replacing
+from brdfcore.base.brdf import RGB, VALUE, Brdf
+from brdfcore.base.conventions import HALF_PI
+from brdfcore.base.errors import FileFormatError, InputError
+from brdfcore.base.parameters import Parameter, resolve
+from brdfcore.formats.base.format import Format, LossWarning, read_bytes
+from brdfcore.formats.base.import_report import measures_of, value_range
 from brdfcore.metrics import measured_flags
-from brdfcore.parameters import Parameter, resolve
-from brdfcore.tables.base import FLAGS, BuildOptions
+from brdfcore.tables.base.table import FLAGS, BuildOptions
 from brdfcore.tables.node_grid import NodeGrid, cell_centres
 
 MAGIC = b"NVIDIA ARC MBSDF V1\n"

@@ -13,14 +13,14 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.brdf import Brdf, Channels
-from brdfcore.conventions import HALF_PI, FloatArray
-from brdfcore.errors import InputError
-from brdfcore.parameters import Parameter
-from brdfcore.status import Status
-from brdfcore.tables.base import BuildOptions, Progress, Table
-from brdfcore.tables.mirror_coordinates import LEAST_COSINE
-from brdfcore.tables.sampled import bad_field
+from brdfcore.base.brdf import Brdf, Channels
+from brdfcore.base.conventions import HALF_PI, FloatArray
+from brdfcore.base.errors import InputError
+from brdfcore.base.parameters import Parameter
+from brdfcore.base.status import Status
+from brdfcore.tables.base.mirror_coordinates import LEAST_COSINE
+from brdfcore.tables.base.sampled import bad_field
+from brdfcore.tables.base.table import BuildOptions, Progress, Table
 
 Float64Array = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import pytest
 
 import brdfcore as bc
 from brdfcore import testing
-from brdfcore.errors import FileFormatError, InputError
-from brdfcore.formats.base import LossWarning
+from brdfcore.base.errors import FileFormatError, InputError
+from brdfcore.formats.base.format import LossWarning
 from tests.shared import FOLDER, needs_shared
 from tests.support.plain_mbsdf import Plain, plain
 
