@@ -100,6 +100,7 @@ FORMATS = Registry(
         "table": "brdfcore.formats.table:TableFormat",
         "model": "brdfcore.formats.model_file:ModelFormat",
         "mbsdf": "brdfcore.formats.mbsdf:MbsdfFormat",
+        "speos": "brdfcore.formats.speos.format:SpeosFormat",
         "merl": "brdfcore.formats.merl:MerlFormat",
         # last: any rows of numbers may be one
         "csv": "brdfcore.formats.csv.format:CsvFormat",

@@ -275,7 +275,7 @@ class NodeGrid(Table):
             if nodes is None or nodes.dtype != np.float64 or nodes.shape != values.shape[axis : axis + 1]:
                 raise bad_field(cls.name, name, "missing, or of another size", f"float64 ({values.shape[axis]},)")
             good = nodes.size > 0 and nodes[0] >= 0 and nodes[-1] <= top and (np.diff(nodes) > 0).all()
-            if not good or (name == "delta_phi" and not flags["bilateral"] and not _is_turn(nodes, values)):
+            if not good or (name == "delta_phi" and not flags["bilateral"] and not _is_turn(nodes)):
                 raise bad_field(cls.name, name, str(nodes[:8].tolist())[:80], f"ascending angles within 0 to {top:.6g}")
         if values.shape[3] != len(channels) or values.size > _MOST_VALUES or not np.isfinite(values).all():
             raise bad_field(cls.name, "values", str(values.shape), f"finite values of {len(channels)} channel(s)")
@@ -293,10 +293,9 @@ def cell_centres(count: int, whole: float) -> Float64Array:
     return np.asarray(np.radians((np.arange(count) + 0.5) * (np.degrees(whole) / count)))
 
 
-def _is_turn(nodes: Float64Array, values: npt.NDArray[Any]) -> bool:
-    """Whether delta_phi nodes go once around, the two ends with the same values."""
-    ends = nodes.size >= 2 and nodes[0] == 0 and nodes[-1] == 2 * np.pi
-    return bool(ends and np.array_equal(values[:, :, 0], values[:, :, -1]))
+def _is_turn(nodes: Float64Array) -> bool:
+    """Whether delta_phi nodes go once around."""
+    return bool(nodes.size >= 2 and nodes[0] == 0 and nodes[-1] == 2 * np.pi)
 
 
 def _place(x: Float64Array, nodes: Float64Array) -> tuple[npt.NDArray[np.int64], Float64Array]:

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +75,47 @@ def _merl(_: Path) -> bytes:
     return struct.pack("<3i", 4, 5, 6) + cells.astype("<f8").tobytes()
 
 
-OWN: dict[str, Callable[[Path], bytes]] = {"merl": _merl}
+def speos_text(
+    kind: str = "anisotropicbsdf",
+    percent: tuple[float, ...] = (30.0, 30.0),
+    rotations: tuple[float, ...] = (1.0,),
+    theta: Any = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0),
+    phi: Any = (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0, 360.0),
+    width: float = 25.0,
+    skew: float = 0.0,
+    intensity: bool = False,
+    other_angles: bool = False,
+) -> str:
+    """A Speos file of a lobe about the mirror direction at 20 and 50 degrees; `rotations` are its levels."""
+    theta, phi = np.asarray(theta, np.float64), np.asarray(phi, np.float64)
+
+    def table(theta_i: float, level: float, t: Any) -> list[str]:
+        i, o, p = np.radians(theta_i), np.radians(t)[:, None], np.radians(phi)
+        cosine = np.cos(i) * np.cos(o) + np.sin(i) * np.sin(o) * np.cos(p)
+        v = level * (0.3 + np.exp(-((np.degrees(np.arccos(np.clip(cosine, -1, 1))) / width) ** 2)))
+        v = v * (1 + skew * np.sin(p)) * (np.cos(o) if intensity else 1)
+        rows = ["\t".join(map(repr, [a, *row])) for a, row in zip(t.tolist(), v.tolist(), strict=True)]
+        return [f"{t.size}\t{phi.size}", "\t" + "\t".join(map(repr, phi.tolist())), *rows]
+
+    lines = [f"OPTIS - {'Anisotropic BSDF' if kind != 'brdf' else 'brdf'} surface file v8.0", "0", "Comment"]
+    lines += ["4", "made"]
+    flags = ["1\t0", str(int(not intensity))]
+    if kind == "brdf":
+        lines += [*flags, "2\t2", "20.0\t50.0", "400\t700"]
+        for k, p in enumerate(percent):
+            lines += [repr(p), *table((20.0, 50.0)[k // 2], 1.0, theta)]
+    else:
+        lines += ["0\t1\t0", *flags, str(len(rotations)), "\t".join(str(30.0 * k) for k in range(len(rotations)))]
+        lines += ["2", "20.0\t50.0"] * len(rotations)
+        lines += ["50.0\t0", "", "2", f"400\t{percent[0]}", f"700\t{percent[1]}"]
+        for level in rotations:
+            lines += table(20.0, level, np.array([0.0, 10.0, 30.0, 60.0, 90.0]) if other_angles else theta)
+            lines += table(50.0, level, theta)
+        lines += ["End of file"]
+    return "\n".join(lines) + "\n"
+
+
+OWN: dict[str, Callable[[Path], bytes]] = {"merl": _merl, "speos": lambda _: speos_text().encode()}
 
 
 def example(name: str, folder: Path) -> Path:

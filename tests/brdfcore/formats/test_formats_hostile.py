@@ -53,7 +53,7 @@ HEADS = {
     "xml": (b"<?xml version='1.0'?><scene/>", "XML file"),
     "radiance": (b"#?RADIANCE\nFORMAT=BSDF_RBFmesh\n\n", "scattering interpolant"),
     "pbrt": (b"SCATFUN\x01\x00\x00", "Fourier"),
-    "speos": (b"OPTIS - Anisotropic BSDF surface file v7.0\n0\n", "Speos"),
+    "speos": (b"OPTIS - Coated surface file v5.0\n0\n", "Speos"),
     "fred": (b"# made\ntype bsdf_data\nformat angles=deg bsdf=value scale=1\n10 0\n", "FRED"),
     "lighttools": (b"#comment\nSymmetry Asymmetrical\nAOI 0 10 20\n", "LightTools"),
     "pab": (b'#sample_name "x"\n#datapoints_in_file 4\n#intheta 30\n0 0 0.1\n', "goniophotometer"),

@@ -1,0 +1,1 @@
+"""Speos (OPTIS) surface files, text: `.anisotropicbsdf` and `.brdf`."""
