@@ -99,6 +99,7 @@ FORMATS = Registry(
         "openmaterial": "brdfcore.formats.openmaterial.format:OpenMaterialFormat",
         "table": "brdfcore.formats.table:TableFormat",
         "model": "brdfcore.formats.model_file:ModelFormat",
+        "alta": "brdfcore.formats.alta:AltaFormat",
         "mbsdf": "brdfcore.formats.mbsdf:MbsdfFormat",
         "speos": "brdfcore.formats.speos.format:SpeosFormat",
         "merl": "brdfcore.formats.merl:MerlFormat",

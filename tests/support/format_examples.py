@@ -115,7 +115,19 @@ def speos_text(
     return "\n".join(lines) + "\n"
 
 
-OWN: dict[str, Callable[[Path], bytes]] = {"merl": _merl, "speos": lambda _: speos_text().encode()}
+def alta_text() -> str:
+    """An ALTA file of a few geometries, f cos(theta_v), one of them at the horizon."""
+    lines = ["#DIM 3 1", "#VS 0", "#PARAM_IN ISOTROPIC_TL_TV_PROJ_DPHI", "#PARAM_OUT INV_STERADIAN_COSINE_FACTOR"]
+    for theta_i in (0.3, 0.7, 1.1):
+        for theta_o in (0.0, 0.4, 0.8, 1.2, 1.5707963267948966):
+            for turn in (0.0, 1.0, 2.0, 3.0) if theta_o else (0.0,):
+                x, y = theta_o * np.cos(turn), theta_o * np.sin(turn)
+                lines.append(f"{theta_i} {x!r} {y!r} {(0.2 + 0.1 * theta_i) * np.cos(theta_o)!r}")
+    return "\n".join(lines).replace("np.float64(", "").replace(")", "") + "\n"
+
+
+OWN: dict[str, Callable[[Path], bytes]] = {"merl": _merl, "speos": lambda _: speos_text().encode(),
+       "alta": lambda _: alta_text().encode()}  # fmt: skip
 
 
 def example(name: str, folder: Path) -> Path:

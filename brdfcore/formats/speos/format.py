@@ -37,8 +37,8 @@ _ROUNDING = 1e-12
 #: Most values of a table, all channels: beyond any file.
 _MOST_VALUES = 20_000_000
 _CONVENTIONS = {
-    "value": "proportional to f (type of the values 1) or to f cos(theta_o) (type 0); the stated reflectance in percent "
-    "gives the level, scale='stored' leaves it: f = v / pi",
+    "value": "proportional to f (type of the values 1) or to f cos(theta_o) (type 0); the stated reflectance in "
+    "percent gives the level, scale='stored' leaves it: f = v / pi",
     "angles": "degrees; theta_o from the normal, phi from the mirror direction, 0 to 360: delta_phi = phi + 180",
     "between incidences": "at the same place about the mirror direction, f cos cos is linear",
     "spectrum": "of a .anisotropicbsdf: wavelength in nm and reflectance in percent at one incidence; the shape is the "
@@ -178,8 +178,8 @@ class _Reader:
             k = np.unravel_index(int(np.abs(stored - mean).argmax()), stored.shape)
             raise anisotropic(
                 self.file, "rotations", loss,
-                f"its {len(stored)} rotations differ from their mean by {loss:.1%} (L1, limit {ANISOTROPY:.0%}), most at "
-                f"rotation {self.content.rotations[k[0]]:g}, incidence {self.content.incidences[k[1]]:g} degrees",
+                f"its {len(stored)} rotations differ from their mean by {loss:.1%} (L1, limit {ANISOTROPY:.0%}), most "
+                f"at rotation {self.content.rotations[k[0]]:g}, incidence {self.content.incidences[k[1]]:g} degrees",
                 line=self.content.tables[k[0]][k[1]][k[2]].line,
             )  # fmt: skip
         else:

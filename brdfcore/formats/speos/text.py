@@ -4,10 +4,10 @@
 characters of the description; the description; direction of the anisotropy (3 numbers); flags of reflection and
 transmission; type of the values; for reflection, then transmission: number of rotations of the sample and their list,
 and for each its number of angles of incidence and their list; for reflection, then transmission: the incidence and
-azimuth that the spectrum belongs to, a comment, number of wavelengths, and for each its nm and percent; then the tables,
-rotation by rotation and incidence by incidence. `OPTIS - brdf surface file v9.0` (.brdf) has, after the type of the
-values, the numbers of incidences and wavelengths and their lists, and a percentage before each table, incidence by
-incidence and wavelength by wavelength. A table: numbers of theta and phi; the phi; a line a theta: theta and its values.
+azimuth that the spectrum belongs to, a comment, number of wavelengths, and for each its nm and percent; then the
+tables, rotation by rotation and incidence by incidence. `OPTIS - brdf surface file v9.0` (.brdf) has, after the type of
+the values, the numbers of incidences and wavelengths and their lists, and a percentage before each table, incidence by
+incidence and wavelength by wavelength. A table: numbers of theta and phi; the phi; a line a theta: theta, its values.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class Lines:
 
     def ascending(self, field: str, count: int, low: float, high: float) -> list[float]:
         found = self.numbers(field, count)
-        if not all(low <= x <= high for x in found) or any(b <= a for a, b in zip(found, found[1:])):
+        if not all(low <= x <= high for x in found) or (np.diff(found) <= 0).any():
             shown = " ".join(f"{x:g}" for x in found[:6])
             raise self.bad(field, f"{shown} ...", f"ascending angles from {low:g} to {high:g} degrees")
         return found

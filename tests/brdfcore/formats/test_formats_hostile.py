@@ -45,7 +45,8 @@ def test_examples_are_told_apart_by_content(name: str, tmp_path: Path) -> None:
     other.write_bytes(path.read_bytes())
     assert bc.sniff(other) == name
     head = other.read_bytes()[:16_384]
-    assert [n for n in FORMATS.names() if FORMATS.load(n)().sniff(head)] == [name]
+    # columns of numbers are the last resort: what else is text may look like them
+    assert {n for n in FORMATS.names() if FORMATS.load(n)().sniff(head)} - {"csv"} == {name} - {"csv"}
 
 
 HEADS = {
