@@ -87,6 +87,7 @@ REPRESENTATIONS = Registry(
         "scattered": "brdfcore.tables.scattered.table:Scattered",
         "specular_grid": "brdfcore.tables.specular_grid:SpecularGrid",
         "node_grid": "brdfcore.tables.node_grid:NodeGrid",
+        "patch_grid": "brdfcore.tables.patch_grid:PatchGrid",
     },
 )
 
@@ -100,6 +101,7 @@ FORMATS = Registry(
         "table": "brdfcore.formats.table:TableFormat",
         "model": "brdfcore.formats.model_file:ModelFormat",
         "alta": "brdfcore.formats.alta:AltaFormat",
+        "bsdf_xml": "brdfcore.formats.bsdf_xml.format:BsdfXmlFormat",
         "mbsdf": "brdfcore.formats.mbsdf:MbsdfFormat",
         "speos": "brdfcore.formats.speos.format:SpeosFormat",
         "merl": "brdfcore.formats.merl:MerlFormat",

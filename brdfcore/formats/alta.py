@@ -170,7 +170,8 @@ def measurements_of(path: Path, invalid: str = "drop") -> Measurements:
                 f"{int((~used).sum())} rows at theta_o = 90 degrees left out, where f cos(theta_o) is 0 whatever f is; "
                 f"the first: line {lines[int(np.flatnonzero(~used)[0])]}"
             )
-        angles, lines = tuple(a[used] for a in angles), [n for n, keep in zip(lines, used) if keep]
+        angles = (angles[0][used], angles[1][used], angles[2][used], angles[3][used])
+        lines = [n for n, keep in zip(lines, used) if keep]
         values = values[used] / cosine[used, None]
         done.append("values divided by cos(theta_o): the file holds f cos(theta_o)")
     if not len(values):

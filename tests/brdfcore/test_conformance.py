@@ -94,7 +94,12 @@ def materials(tmp_path_factory: pytest.TempPathFactory) -> list[bc.Brdf]:
     small = bc.tabulate(gold, "half_angle_grid", shape=(8, 7, 12))
     listed = to_brdf(goniometer.measured(goniometer.paint(), lights=4, viewers=4, turns=4))
     nodes = bc.tabulate(gold, "node_grid", shape=(6, 6, 8))
-    return [gold, bc.tabulate(gold, "angle_grid", shape=(16, 16, 31)), small, bc.read(measured), listed, nodes]
+    patches = tmp_path_factory.mktemp("patches") / "p.xml"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LossWarning)
+        bc.write(bc.model("lambert", reflectance=0.3), patches, basis="quarter")
+    table = bc.tabulate(gold, "angle_grid", shape=(16, 16, 31))
+    return [gold, table, small, bc.read(measured), listed, nodes, bc.read(patches)]
 
 
 @pytest.mark.parametrize("many", first_fast(False, True), ids=["one", "all"])

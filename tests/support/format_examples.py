@@ -126,8 +126,16 @@ def alta_text() -> str:
     return "\n".join(lines).replace("np.float64(", "").replace(")", "") + "\n"
 
 
+def _bsdf_xml(folder: Path) -> bytes:
+    path = folder / "quarter.xml"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LossWarning)
+        bc.write(bc.model("ggx", roughness=0.5), path, "bsdf_xml", basis="quarter")
+    return path.read_bytes()
+
+
 OWN: dict[str, Callable[[Path], bytes]] = {"merl": _merl, "speos": lambda _: speos_text().encode(),
-       "alta": lambda _: alta_text().encode()}  # fmt: skip
+       "alta": lambda _: alta_text().encode(), "bsdf_xml": _bsdf_xml}  # fmt: skip
 
 
 def example(name: str, folder: Path) -> Path:

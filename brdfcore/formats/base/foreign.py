@@ -26,17 +26,13 @@ class Foreign(NamedTuple):
 
 
 _COLUMNS = "export the values as columns (theta_i, phi_i, theta_o, phi_o, f_r in 1/sr) and read those"
-_ELEMENT = (b"<WindowElement",)
 
 FOREIGN = (
     Foreign(
-        "Klems matrix or tensor tree BSDF of WINDOW and Radiance (XML)",
-        "its patches are averages over solid angles of a glazing system, not f_r at directions; use Radiance or "
-        "pyradiance for it, or read the measurement that it was made from",
-        starts=(b"<",),
-        contains=_ELEMENT,
+        "XML file",
+        "of XML only the BSDF files of WINDOW and Radiance (<WindowElement>) are read",
+        starts=(b"<?xml", b"<!DOCTYPE"),
     ),
-    Foreign("XML file", "no reflectance format in XML is read", starts=(b"<?xml", b"<!DOCTYPE")),
     Foreign(
         "Radiance scattering interpolant (BSDF_RBFmesh)",
         "read the goniometer data that it was made from",

@@ -50,7 +50,6 @@ def test_examples_are_told_apart_by_content(name: str, tmp_path: Path) -> None:
 
 
 HEADS = {
-    "klems": (b'<?xml version="1.0"?>\n<WindowElement xmlns="http://windows.lbl.gov">', "Klems"),
     "xml": (b"<?xml version='1.0'?><scene/>", "XML file"),
     "radiance": (b"#?RADIANCE\nFORMAT=BSDF_RBFmesh\n\n", "scattering interpolant"),
     "pbrt": (b"SCATFUN\x01\x00\x00", "Fourier"),

@@ -1,0 +1,1 @@
+"""BSDF files of WINDOW and Radiance (XML): Klems matrices and tensor trees."""
