@@ -26,11 +26,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import RGB, VALUE, Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import RGB, VALUE, Channels
 from brdfcore.base.errors import FileFormatError
 from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.format import Format
-from brdfcore.formats.base.measurements import POLICIES, Measurements, to_brdf
+from brdfcore.formats.base.measurements import Measurements
+from brdfcore.formats.base.regrid import POLICIES, to_brdf
 from brdfcore.formats.base.text_rows import MAX_NUMBERS, TextFile, printable
 
 Float64Array = npt.NDArray[np.float64]

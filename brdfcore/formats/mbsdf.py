@@ -25,14 +25,15 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base.atomic import replacing
-from brdfcore.base.brdf import RGB, VALUE, Brdf
+from brdfcore.base.brdf import FLAGS, Brdf
+from brdfcore.base.channels import RGB, VALUE
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.format import Format, LossWarning, read_bytes
 from brdfcore.formats.base.import_report import measures_of, value_range
 from brdfcore.metrics import measured_flags
-from brdfcore.tables.base.table import FLAGS, BuildOptions
+from brdfcore.tables.base.table import BuildOptions
 from brdfcore.tables.node_grid import NodeGrid, cell_centres
 
 MAGIC = b"NVIDIA ARC MBSDF V1\n"

@@ -32,7 +32,7 @@ class ModelFormat(Format):
     writable = True
 
     def sniff(self, head: bytes) -> bool:
-        return head.lstrip()[:1] == b"{" and b'"model"' in head
+        return head.lstrip()[:1] == b"{" and _own_key(head, b'"model"')
 
     def read(self, path: Path, **options: Any) -> Brdf:
         resolve("format 'model'", self.PARAMETERS, options)
@@ -91,3 +91,22 @@ class ModelFormat(Format):
 
 def _bad(path: Path, what: str, offset: int = 0) -> FileFormatError:
     return FileFormatError("bad_model_file", f"{path.name}: {what}", where=path.name, file=path.name, offset=offset)
+
+
+def _own_key(head: bytes, key: bytes) -> bool:
+    """Whether `key` stands in the outermost object: an instrument or a lamp may have a "model" too."""
+    depth, at = 0, 0
+    while at < len(head):
+        c = head[at : at + 1]
+        if c == b'"':
+            if depth == 1 and head.startswith(key, at) and head[at + len(key) :].lstrip()[:1] == b":":
+                return True
+            at += 1
+            while at < len(head) and head[at : at + 1] != b'"':
+                at += 2 if head[at : at + 1] == b"\\" else 1
+        elif c in b"{[":
+            depth += 1
+        elif c in b"}]":
+            depth -= 1
+        at += 1
+    return False

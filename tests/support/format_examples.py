@@ -6,6 +6,7 @@ gives its own in `OWN`.
 
 from __future__ import annotations
 
+import json
 import struct
 import warnings
 from collections.abc import Callable, Iterator
@@ -126,6 +127,60 @@ def alta_text() -> str:
     return "\n".join(lines).replace("np.float64(", "").replace(")", "") + "\n"
 
 
+def samples() -> list[tuple[float, float, float, float, float]]:
+    """(theta_i, phi_i, theta_o, phi_o, f) of a broad lobe, degrees, the light at azimuth 30."""
+    b, rows = bc.model("ggx", roughness=0.5), []
+    for theta_i in (10.0, 40.0, 65.0):
+        for theta_o in (0.0, 20.0, 45.0, 70.0):
+            for turn in (0.0, 60.0, 120.0, 180.0) if theta_o else (0.0,):
+                f = float(b.evaluate(*np.radians([theta_i, theta_o, turn]))[0])
+                rows.append((theta_i, 30.0, theta_o, (turn + 30.0) % 360, f))
+    return rows
+
+
+def pbrt_text(waves: tuple[float, ...] = (450.0, 550.0, 650.0)) -> str:
+    lines = [f"# irregular isotropic samples\n{len(waves)}", " ".join(map(repr, waves))]
+    for *angles, f in samples():
+        values = [f * (1 + k) for k in range(len(waves))]
+        lines.append(" ".join(map(repr, [*np.radians(angles).tolist(), *values])))
+    return "\n".join(lines) + "\n"
+
+
+def bird_text(version: int = 1, waves: tuple[float, ...] = (450.0, 650.0), radians: bool = False) -> str:
+    """A file of the BiRD format: version 1.0, or the first form (version 0)."""
+    turn = np.radians if radians else (lambda x: x)
+    rows = [(w, *map(float, turn(np.array(a))), f * w / 450, 0.01) for *a, f in samples() for w in waves]
+    names = ("wavelength_i", "theta_i", "phi_i", "theta_r", "phi_r", "BRDF", "uBRDF")
+    units = ("nm", *["rad" if radians else "deg"] * 4, "sr^-1", "sr^-1")
+    lamp = {"illumination_system": {"source": {"model": "a lamp"}}}
+    metadata = {"type": "BRDF", "instrumentation": lamp, "sample": {"name": "made"}}
+    if version:
+        columns = zip(names, units, zip(*rows, strict=True), strict=True)
+        data: dict[str, Any] = {name: {"unit": unit, "values": list(values)} for name, unit, values in columns}
+    else:
+        variables = [{"name": name, "type": "number", "unit": unit} for name, unit in zip(names, units, strict=True)]
+        data = {"variables": variables, "values": [list(row) for row in rows]}
+    return json.dumps({"metadata": metadata, "data": data}, indent=1) + "\n"
+
+
+def tracepro_text(waves: tuple[float, ...] = (0.55,), outwards: float = 1.0) -> str:
+    """A TracePro export: ScatterAzimuth 0 away from the light, or (outwards=-1) towards the normal."""
+    b = bc.model("ggx", roughness=0.5)
+    lines = ["TracePro Surface Property Data", "Name\tmade", "Solve\tBRDF", "", "Temperature\tWavelength", "300\t0.55"]
+    lines += ["Table_BSDF_Data"]
+    lines += ["Temperature\tWavelength\tIncAngle\tAziAngle\tScatterBeta\tScatterAzimuth\tBRDF\tBTDF"]
+    for theta_i in (0.0, 30.0, 60.0):
+        for beta in (0.0, 0.1, 0.3, 0.6, 1.2):
+            for azimuth in range(0, 360, 45) if beta else (0,):
+                x = np.sin(np.radians(theta_i)) + outwards * beta * np.cos(np.radians(azimuth))
+                y = outwards * beta * np.sin(np.radians(azimuth))
+                rho = float(np.hypot(x, y))
+                angles = (np.radians(theta_i), np.arcsin(min(rho, 1)), np.pi + np.arctan2(y, x))
+                f = float(b.evaluate(*angles)[0]) if rho <= 1 else 0.0
+                lines += [f"300\t{w}\t{theta_i}\t0\t{beta}\t{azimuth}\t{f * w / 0.55!r}\t0\t" for w in waves]
+    return "\n".join(lines) + "\n"
+
+
 def _bsdf_xml(folder: Path) -> bytes:
     path = folder / "quarter.xml"
     with warnings.catch_warnings():
@@ -135,7 +190,9 @@ def _bsdf_xml(folder: Path) -> bytes:
 
 
 OWN: dict[str, Callable[[Path], bytes]] = {"merl": _merl, "speos": lambda _: speos_text().encode(),
-       "alta": lambda _: alta_text().encode(), "bsdf_xml": _bsdf_xml}  # fmt: skip
+       "alta": lambda _: alta_text().encode(), "bsdf_xml": _bsdf_xml,
+       "pbrt": lambda _: pbrt_text().encode(), "bird": lambda _: bird_text().encode(),
+       "tracepro": lambda _: tracepro_text().encode()}  # fmt: skip
 
 
 def example(name: str, folder: Path) -> Path:

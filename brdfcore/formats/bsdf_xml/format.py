@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base.atomic import replacing
-from brdfcore.base.brdf import VALUE, Brdf, Channels
+from brdfcore.base.brdf import FLAGS, Brdf
+from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.format import Format, LossWarning, read_bytes
@@ -30,7 +31,6 @@ from brdfcore.formats.bsdf_xml import klems, tree
 from brdfcore.formats.bsdf_xml.document import Element, bad, numbers, parse
 from brdfcore.formats.bsdf_xml.write import BASIS_NAMES, document
 from brdfcore.metrics import measured_flags
-from brdfcore.tables.base.table import FLAGS
 from brdfcore.tables.patch_grid import PatchGrid
 
 Float64Array = npt.NDArray[np.float64]

@@ -9,7 +9,8 @@ from xml.sax.saxutils import escape
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import RGB, Brdf, Channels
+from brdfcore.base.brdf import Brdf
+from brdfcore.base.channels import RGB, Channels
 from brdfcore.base.errors import InputError
 from brdfcore.formats.base.one_channel import OneChannel
 from brdfcore.formats.bsdf_xml.klems import BASES, Basis, cells_of, lattice

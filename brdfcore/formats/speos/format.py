@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import VALUE, Brdf, Channels
+from brdfcore.base.brdf import FLAGS, Brdf
+from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.format import Format
 from brdfcore.formats.base.import_report import measures_of, value_range
@@ -27,7 +28,6 @@ from brdfcore.formats.base.measurements import ANISOTROPY
 from brdfcore.formats.base.rotations import ISOTROPIC, anisotropic, loss_of_mean, lost_sentence
 from brdfcore.formats.speos.text import TITLES, Lines, SpeosFile, Table, parse
 from brdfcore.metrics import measured_flags
-from brdfcore.tables.base.table import FLAGS
 from brdfcore.tables.node_grid import NodeGrid
 
 Float64Array = npt.NDArray[np.float64]
