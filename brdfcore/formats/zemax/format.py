@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,20 @@ import numpy.typing as npt
 from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import VALUE, Channels
-from brdfcore.base.errors import FileFormatError, InputError
+from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.format import Format, LossWarning, read_bytes
-from brdfcore.formats.base.measurements import ANISOTROPY
 from brdfcore.formats.base.one_channel import OneChannel
+from brdfcore.formats.base.rotations import ISOTROPIC
+from brdfcore.formats.zemax.checks import (
+    check_azimuths,
+    check_isotropic,
+    check_normal,
+    integrals,
+    measured_limit,
+    padding,
+    tis_remarks,
+)
 from brdfcore.formats.zemax.text import ZemaxFile, bad, compose, parse
 from brdfcore.metrics import measured_flags
 from brdfcore.tables.base.mirror_coordinates import above_horizon, node_directions
@@ -32,10 +42,6 @@ Float64Array = npt.NDArray[np.float64]
 #: Largest file read; a 4-D file with 37 rotations has 1.2 MB.
 MAX_BYTES = 64_000_000
 XYZ = Channels(("X", "Y", "Z"))
-#: Values below this share of the largest count as noise where sample rotations are compared.
-_NOISE = 1e-3
-#: TIS and albedo further apart than this share are reported: holes near the horizon hold a few percent.
-_TIS_APART = 0.1
 #: What is written of a material that was not read from such a file, degrees; distances densest at 0.
 INCIDENCES = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0, 65.0, 70.0, 74.0, 78.0, 81.0,
               84.0, 86.0, 88.0)  # fmt: skip
@@ -62,9 +68,11 @@ class ZemaxFormat(Format):
 
     Read to a `SpecularGrid` that answers with the file's own values at its own directions. What the file pads with 0
     is no measurement: values below the horizon are left out, and so are zeros from the first zero of a row to its end
-    (zeros="hole"), which are filled as `holes` says. Files with sample rotations that differ are refused with the
-    evidence. Written with the angles of the file that was read, else with `INCIDENCES`, `RADIALS` and every 10 degrees
-    of azimuth.
+    (zeros="hole"), which are filled as `holes` says. Files whose sample rotations differ, or whose samples differ by
+    azimuth at theta_i = 0, are refused with the evidence, or averaged on request (isotropic="mean"). One ScatterAzimuth
+    is a lobe of revolution about the mirror direction; two are the plane of incidence only. Written with the angles of
+    the file that was read, else with `INCIDENCES`, `RADIALS` and every 10 degrees of azimuth; of a spectral material
+    one wavelength a file (channel=).
     """
 
     name = "zemax"
@@ -75,6 +83,7 @@ class ZemaxFormat(Format):
     )
     EXTENSIONS = (".bsdf",)
     PARAMETERS = (
+        ISOTROPIC,
         Parameter(
             "zeros", "", "zeros at the end of a row: padding, or data", "hole", kind="choice", choices=("hole", "data")
         ),
@@ -128,17 +137,26 @@ def _table(content: ZemaxFile, file: str, data: bytes, given: dict[str, Any]) ->
     bilateral = content.symmetry == "PlaneSymmetrical"
     values = content.values  # (C, rotations, K, A, R)
     azimuths = content.azimuths
-    _check_azimuths(content, file, bilateral)
-    hole = _padding(values) if given["zeros"] == "hole" else np.zeros(values.shape, np.bool_)
+    check_azimuths(content, file, bilateral)
+    if azimuths.size == 1:  # a lobe of revolution about the mirror direction
+        remarks.append("one ScatterAzimuth: the samples are taken as a lobe of revolution about the mirror direction")
+        bilateral, azimuths = True, np.array([0.0, 180.0])
+        values = np.repeat(values, 2, axis=3)
+    elif azimuths.size == 2 or (not bilateral and azimuths.tolist() == [0.0, 180.0, 360.0]):
+        remarks.append("two ScatterAzimuths: measured in the plane of incidence only; all between is interpolated")
+    content = replace(content, symmetry="PlaneSymmetrical" if bilateral else content.symmetry, azimuths=azimuths,
+                      values=values)  # fmt: skip
+    hole = padding(values) if given["zeros"] == "hole" else np.zeros(values.shape, np.bool_)
     if content.rotations.size > 1:
-        remarks += _check_isotropic(content, hole, file)
-        done.append(f"{content.rotations.size} sample rotations averaged")
+        done += check_isotropic(content, hole, file, given["isotropic"])
     elif content.symmetry == "Asymmetrical4D":
         remarks.append("one sample rotation of an Asymmetrical4D file: whether the sample is isotropic can't be told")
     with np.errstate(invalid="ignore"):
         count = (~hole).sum(axis=1)
         mean = np.where(hole, 0.0, values).sum(axis=1) / np.where(count, count, 1)
     mean = np.moveaxis(np.where(count > 0, mean, np.nan), 0, -1)  # (K, A, R, C)
+    done += check_normal(content, mean, file, given["isotropic"])
+    integral = integrals(content, mean)
     negative = (mean < 0).sum(axis=(0, 1, 2))
     if given["negatives"] == "zero" and negative.any():
         mean = np.where(mean < 0, 0.0, mean)
@@ -173,12 +191,9 @@ def _table(content: ZemaxFile, file: str, data: bytes, given: dict[str, Any]) ->
         table.bilateral = False  # the azimuth axis is a whole turn
     table.non_negative = bool((table.values >= 0).all())
     albedo = table.albedo(axes[0])
-    stated = content.tis.mean(axis=1)
-    if (np.abs(albedo.T - stated) > _TIS_APART * np.abs(albedo.T)).any():
-        remarks.append(
-            f"TIS as the file states it ({', '.join(f'{x:.3g}' for x in stated[0])}) is not the directional albedo of "
-            f"its samples ({', '.join(f'{x:.3g}' for x in albedo[:, 0])}); it may be defined otherwise and is not used"
-        )
+    remarks += tis_remarks(content, integral)
+    # N/A is no number of JSON
+    stated = [[x if np.isfinite(x) else None for x in row] for row in content.tis.mean(axis=1).tolist()]
     sha = hashlib.sha256(data).hexdigest()
     table.source = {"name": file, "format": "zemax", "sha256": sha}
     table.metadata = {
@@ -190,7 +205,7 @@ def _table(content: ZemaxFile, file: str, data: bytes, given: dict[str, Any]) ->
             "incidences": content.incidences.tolist(),
             "azimuths": azimuths.tolist(),
             "radials": content.radials.tolist(),
-            "tis": stated.tolist(),
+            "tis": stated,
             "comments": content.comments,
         },
     }
@@ -198,7 +213,7 @@ def _table(content: ZemaxFile, file: str, data: bytes, given: dict[str, Any]) ->
     inside = np.broadcast_to(above[None, None], values.shape)
     padded = int((hole & inside).sum())
     if padded:
-        limit = _measured_limit(content, hole, axes, above)
+        limit = measured_limit(content, hole, axes, above)
         done.insert(
             0, f"{padded} zeros at the end of rows, all of them {limit}, are padding and not measured: left out"
         )
@@ -225,86 +240,14 @@ def _table(content: ZemaxFile, file: str, data: bytes, given: dict[str, Any]) ->
             "negative": dict(zip(map(str, channels), map(int, negative))),
             "zero": dict(zip(map(str, channels), map(int, zeros))),
             "padding above the horizon": padded,
-            "TIS as stated": stated.tolist(),
+            "TIS as stated": stated,
+            "integral of the samples": integral.tolist(),
             "albedo at these theta_i": albedo.T.tolist(),
         },
         "done": [*done, *changes],
         "warnings": remarks,
     }
     return table
-
-
-def _padding(values: Float64Array) -> npt.NDArray[np.bool_]:
-    """Zeros from the first zero of the run that ends a row to its end; a row of zeros alone is all padding."""
-    return np.asarray(np.logical_and.accumulate((values == 0)[..., ::-1], axis=-1)[..., ::-1])
-
-
-def _measured_limit(
-    content: ZemaxFile, hole: npt.NDArray[np.bool_], axes: list[Float64Array], above: npt.NDArray[np.bool_]
-) -> str:
-    """Where padding begins, in words."""
-    theta_o = np.degrees(node_directions(axes[0], axes[1][: content.azimuths.size], axes[2])[1])
-    padded = hole.any(axis=(0, 1)) & above
-    return f"at theta_o of {theta_o[padded].min():.4g} degrees or more"
-
-
-def _check_azimuths(content: ZemaxFile, file: str, bilateral: bool) -> None:
-    last = 180.0 if bilateral else 360.0
-    step = np.diff(content.azimuths).max(initial=0)
-    whole = content.azimuths[0] == 0 and content.azimuths.size > 1
-    whole &= content.azimuths[-1] == last if bilateral else content.azimuths[-1] >= last - max(step, 1e-9) - 1e-9
-    if not whole or (bilateral and content.azimuths[-1] > last):
-        raise bad(
-            file, "ScatterAzimuth", 0, f"{content.symmetry} samples cover another range",
-            f"{content.azimuths[0]:g} to {content.azimuths[-1]:g} degrees", f"0 to {last:g} degrees",
-        )  # fmt: skip
-    if content.radials[0] != 0 or content.radials.size < 2:
-        raise bad(file, "ScatterRadial", 0, "no sample at the mirror direction", f"{content.radials[0]:g}", "0 first")
-
-
-def _check_isotropic(content: ZemaxFile, hole: npt.NDArray[np.bool_], file: str) -> list[str]:
-    """Refuse sample rotations that differ, with the two that differ most and where; a warning where there is none."""
-    values = np.where(hole, np.nan, content.values)
-    rotations = content.rotations
-    both = ~hole[:, 1:] & ~hole[:, :1]
-    worst, total, difference = (-1.0, 0, 0), 0.0, 0.0
-    for k in range(rotations.size):
-        for other in range(k):
-            a, b = values[:, k], values[:, other]
-            gap, size = float(np.nansum(np.abs(a - b))), float(np.nansum(np.abs(a) + np.abs(b) + 0 * (a - b)))
-            difference, total = difference + gap, total + size
-            if size > 0 and gap / size > worst[0]:
-                worst = (gap / size, other, k)
-    spread = difference / total if total > 0 else 0.0
-    if not both.any():
-        return ["the sample rotations share no direction: isotropy could not be tested"]
-    if spread <= ANISOTROPY:
-        return []
-    share, low, high = worst
-    a, b = values[:, low], values[:, high]
-    off = np.where(np.isnan(a - b), 0, np.abs(a - b))
-    channel, k, az, radial = (int(i) for i in np.unravel_index(int(off.argmax()), off.shape))
-    place = (
-        f"AngleOfIncidence {content.incidences[k]:g}, ScatterAzimuth {content.azimuths[az]:g}, ScatterRadial "
-        f"{content.radials[radial]:g}"
-    )
-    found, seen = float(a[channel, k, az, radial]), float(b[channel, k, az, radial])
-    raise FileFormatError(
-        "anisotropic",
-        f"{file}: the sample is anisotropic, and only isotropic ones can be read: over all pairs of its "
-        f"{rotations.size} sample rotations the samples differ by {spread:.1%} of their sum (limit {ANISOTROPY:.0%}). "
-        f"Rotations {rotations[low]:g} and {rotations[high]:g} degrees differ most, by {share:.1%}; their largest "
-        f"difference: at {place} degrees they are {found:.4g} and {seen:.4g}/sr",
-        where=file,
-        file=file,
-        field="SampleRotation",
-        offset=content.offset,
-        got=spread,
-        expected=f"at most {ANISOTROPY}",
-        rotations=[float(rotations[low]), float(rotations[high])],
-        place=place,
-        values=[found, seen],
-    )
 
 
 def _content(brdf: Brdf) -> ZemaxFile:
@@ -348,7 +291,8 @@ def _own(table: SpecularGrid, name: str) -> ZemaxFile:
     kept = table.metadata.get("zemax")
     if isinstance(kept, dict):
         incidences, azimuths, radials = (np.array(kept[k]) for k in ("incidences", "azimuths", "radials"))
-        symmetry, tis, comments = kept["symmetry"], np.array(kept["tis"]), list(kept["comments"])
+        symmetry, comments = kept["symmetry"], list(kept["comments"])
+        tis = np.array(kept["tis"], np.float64)  # None becomes NaN: N/A
     else:
         own = ~(table.filled > 0).all(axis=(1, 2))  # a slice that only stands in at theta_i = 0 is left out
         incidences, azimuths, radials = (

@@ -41,7 +41,8 @@ _MOST_ANGLES = 36_001
 class ZemaxFile:
     """What a file says; angles in degrees as written.
 
-    values  (channels, rotations, incidences, azimuths, radials) BSDF in 1/sr; tis (channels, rotations, incidences).
+    values  (channels, rotations, incidences, azimuths, radials) BSDF in 1/sr.
+    tis     (channels, rotations, incidences), NaN where the file says N/A.
     offset  byte at which the data begin.
     """
 
@@ -199,7 +200,7 @@ class _Parser:
         words = line.split()
         if words[0] != b"TIS" or len(words) != 2:
             raise bad(self.file, name, at, "another line stands in its place", _shown(line), "TIS and a number")
-        return float(self._numbers(name, at, words[1])[0])
+        return math.nan if words[1].upper() in (b"N/A", b"NA") else float(self._numbers(name, at, words[1])[0])
 
     def _block(self, place: str, azimuths: Float64Array, radials: Float64Array) -> Float64Array:
         """(azimuths, radials) samples; a row may be broken into lines, but begins one."""
@@ -258,7 +259,8 @@ def compose(content: ZemaxFile) -> bytes:
     for channel, name in enumerate(SECTIONS[content.content]):
         lines += [name, "DataBegin"]
         for k, aoi in np.ndindex(content.values.shape[1:3]):
-            lines.append(f"TIS\t{float(content.tis[channel, k, aoi])!r}")
+            tis = float(content.tis[channel, k, aoi])
+            lines.append(f"TIS\t{tis!r}" if math.isfinite(tis) else "TIS\tN/A")
             lines += ["\t".join(map(repr, row)) for row in content.values[channel, k, aoi].tolist()]
         lines.append("DataEnd")
     return ("\n".join(lines) + "\n").encode()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ from brdfcore.formats.zemax.text import ZemaxFile, compose, parse
 from brdfcore.tables.base.mirror_coordinates import about_mirror, node_directions
 from brdfcore.tables.specular_grid import SpecularGrid
 from tests.shared import FOLDER, needs_shared
-from tests.support.format_examples import specular
+from tests.support.format_examples import measured, specular
+from tests.support.plain_speos import plain_zemax
 
 BLACK = FOLDER / "data" / "zemax" / "AnoBlackEC1onAlum.bsdf"
 IMX = FOLDER / "data" / "zemax" / "IMX455.bsdf"
@@ -207,3 +209,84 @@ def test_models_are_written_at_a_grid(tmp_path: Path) -> None:
 def test_the_extension_alone_is_settled_by_the_material(tmp_path: Path) -> None:
     bc.write(specular(), tmp_path / "s.bsdf")
     assert bc.sniff(tmp_path / "s.bsdf") == "zemax"
+
+
+@needs_shared
+def test_tables_that_do_not_integrate_to_their_tis_are_told() -> None:
+    twin = FOLDER / "data" / "speos" / "planesymmetric_zemax.bsdf"
+    b = bc.read(twin)
+    said = next(s for s in b.report["warnings"] if "TIS lines" in s)
+    less = [float(x) for x in re.search(r"integrate to ([\d.]+) to ([\d.]+) % less", said).groups()]  # type: ignore[union-attr]
+    assert less == pytest.approx([3.2, 16.5], abs=0.3)
+    plain = plain_zemax(twin)
+    found = np.array(b.report["found"]["integral of the samples"][0])
+    for k, theta_i in enumerate(plain.incidences):
+        if k % 6:
+            continue
+        # the samples summed over half a turn on a fine grid about the mirror direction, twice
+        r, a = (np.arange(160) + 0.5) * 0.5, (np.arange(90) + 0.5) * 2.0
+        f = np.array([[plain.at(k, x, y) for y in r] for x in a])
+        i, rr, aa = np.radians(theta_i), np.radians(r), np.radians(a)[:, None]
+        cosine = np.cos(i) * np.cos(rr) + np.sin(i) * np.sin(rr) * np.cos(aa)
+        total = 2 * (f * np.maximum(cosine, 0) * np.sin(rr)).sum() * np.radians(0.5) * np.radians(2.0)
+        assert found[k] == pytest.approx(total, rel=3e-3)
+
+
+@needs_shared
+def test_a_groove_seen_at_the_normal_is_refused_and_averaged_on_request() -> None:
+    case = FOLDER / "cases" / "grooved_normal.bsdf"
+    with pytest.raises(FileFormatError, match="AngleOfIncidence 0, where light has no azimuth") as caught:
+        bc.read(case)
+    assert caught.value.code == "anisotropic"
+    b = bc.read(case, isotropic="mean")
+    assert any("averaged over rotation, as asked: the mean misplaces 0.896" in s for s in b.report["done"])
+    raw = parse(case.read_bytes(), case.name).values[0, 0, 0]
+    theta_o = np.radians([10.0, 20.0, 40.0])
+    assert b.evaluate(0.0, theta_o, 0.7)[:, 0] == pytest.approx(raw[:, 1:4].mean(axis=0), rel=1e-9)
+
+
+@needs_shared
+def test_rotations_are_averaged_on_request() -> None:
+    b = bc.read(IMX, isotropic="mean")
+    raw = parse(IMX.read_bytes(), IMX.name)
+    assert any("37 sample rotations averaged over rotation, as asked" in s for s in b.report["done"])
+    k, a, r = 1, 3, 2
+    given = raw.values[0, :, k, a, r]
+    angles = node_directions(*(np.radians([x]) for x in (raw.incidences[k], raw.azimuths[a], raw.radials[r])))
+    assert b.evaluate(*(x.reshape(-1) for x in angles))[0, 0] == pytest.approx(given[given > 0].mean(), rel=1e-9)
+
+
+def test_tis_may_be_missing(tmp_path: Path) -> None:
+    path = put(tmp_path, content())
+    path.write_bytes(path.read_bytes().replace(b"TIS\t0.2", b"TIS N/A"))
+    b = bc.read(path)
+    assert "3 TIS lines say N/A" in b.report["warnings"]
+    b.save(tmp_path / "kept.h5")  # type: ignore[attr-defined]
+    bc.write(bc.open_table(tmp_path / "kept.h5"), tmp_path / "again.bsdf", "zemax")
+    assert b"TIS\tN/A" in (tmp_path / "again.bsdf").read_bytes()
+    assert bc.read(tmp_path / "again.bsdf").id == b.id  # type: ignore[attr-defined]
+
+
+def test_one_azimuth_is_a_lobe_and_two_are_a_plane(tmp_path: Path) -> None:
+    for count, said in ((1, "lobe of revolution about the mirror direction"), (2, "in the plane of incidence only")):
+        made = content()
+        made.azimuths = made.azimuths[[0, 6][:count]]
+        made.values = made.values[:, :, :, [0, 6][:count]]
+        b = bc.read(put(tmp_path, made))
+        assert any(said in s for s in b.report["warnings"])
+        angles = node_directions(np.radians([20.0]), np.radians([0.0, 90.0, 180.0]), np.radians([0.0, 5.0, 20.0]))
+        f = b.evaluate(*(x.reshape(-1) for x in angles)).reshape(3, 3)
+        assert f[0] == pytest.approx(made.values[0, 0, 1, 0, :3], rel=1e-9)
+        if count == 1:
+            assert f[1] == pytest.approx(f[0], rel=1e-9)
+            assert f[2] == pytest.approx(f[0], rel=1e-9)
+
+
+def test_a_spectral_material_is_written_one_wavelength_a_file(tmp_path: Path) -> None:
+    b = measured(2)
+    with pytest.raises(InputError, match="channel="):
+        bc.write(b, tmp_path / "no.bsdf", "zemax")
+    for wave in b.channels:
+        with pytest.warns(LossWarning, match="sampled at"):
+            bc.write(b, tmp_path / "one.bsdf", "zemax", channel=f"{wave:g}")
+        assert list(bc.read(tmp_path / "one.bsdf").channels) == ["value"]
