@@ -292,8 +292,8 @@ Examples:
   brdf convert paint.bsdf paint.h5
   brdf convert paint.bsdf paint.binary
   brdf convert gold.h5 copy.h5 --force --json
-  brdf convert paint.bsdf paint.xompt --write shape=40,25,56
-  brdf convert black.bsdf:zeros=data black.xompt --from zemax""",
+  brdf convert paint.bsdf paint_brdf.xompt --write shape=40,25,56
+  brdf convert black.bsdf:zeros=data black_brdf.xompt --from zemax""",
     serve: """Serve a folder of materials over HTTP, with pictures for a browser at the address it prints.
 
 An empty folder is filled with a starter library first. A setting is a flag, or a variable: --max-points is

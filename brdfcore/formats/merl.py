@@ -81,6 +81,8 @@ class MerlFormat(Format):
                   choices=("keep", "zero")),
         Parameter("cells", "", "point of its cell that a value belongs to", "centre", kind="choice",
                   choices=tuple(CELLS)),
+        Parameter("header", "", "cells of a header that has 90, 90, 180 in another order: the database's, as its own "
+                  "reader takes them, or as declared", "database", kind="choice", choices=("database", "declared")),
         INTERPOLATION,
     )  # fmt: skip
     writable = True
@@ -169,6 +171,11 @@ def _dimensions(file: BinaryIO, name: str) -> tuple[int, int, int]:
             got=size,
             limit=MAX_BYTES,
         )
+    if size == _HEADER.size + 4 * len(PLANES) * cells:
+        raise _damaged(
+            name, "red plane", _HEADER.size, "the file has the size of float32 numbers, the database's are float64",
+            f"{size} bytes", f"{expected} bytes: keep the first 12 and write the rest as float64",
+        )  # fmt: skip
     if size != expected:
         needed = f"{expected} bytes for {' x '.join(map(str, shape))} cells and 3 planes of float64"
         if size < expected:
@@ -179,9 +186,13 @@ def _dimensions(file: BinaryIO, name: str) -> tuple[int, int, int]:
 
 
 def _read(file: BinaryIO, name: str, chosen: dict[str, Any]) -> HalfAngleGrid:
-    shape = _dimensions(file, name)
+    declared = _dimensions(file, name)
+    shape = declared
+    turned = sorted(declared) == sorted(MERL_SHAPE) and declared != MERL_SHAPE
+    if turned and chosen["header"] == "database":
+        shape = MERL_SHAPE
     cells = shape[0] * shape[1] * shape[2]
-    digest = hashlib.sha256(_HEADER.pack(*shape))
+    digest = hashlib.sha256(_HEADER.pack(*declared))
     values = np.empty((cells, len(PLANES)), np.float32)
     bad = np.zeros(cells, np.uint8)  # in how many planes a cell is negative
     negative, zero = [0] * len(PLANES), [0] * len(PLANES)
@@ -232,6 +243,13 @@ def _read(file: BinaryIO, name: str, chosen: dict[str, Any]) -> HalfAngleGrid:
     for flag in FLAGS:
         setattr(table, flag, flags[flag])
     said = []
+    if turned:
+        order, usual = " x ".join(map(str, declared)), " x ".join(map(str, MERL_SHAPE))
+        said.append(
+            f"the header says {order} cells of theta_h, theta_d, phi_d, which the database's own reader, that looks at "
+            f"their product only, takes as {usual}: read as {' x '.join(map(str, shape))} "
+            f"(header='{chosen['header']}'); the other of header='database' and 'declared' reads it the other way"
+        )
     if shape != MERL_SHAPE:
         named = " x ".join(map(str, shape))
         said.append(f"{named} cells, not the database's 90 x 90 x 180: most other readers refuse such a file")

@@ -20,7 +20,8 @@ class TableFormat(Format):
     writable = True
 
     def sniff(self, head: bytes) -> bool:
-        return head.startswith(b"\x89HDF\r\n\x1a\n")
+        """An HDF5 file that has the two names of ours in its root group: others' data are HDF5 too."""
+        return head.startswith(b"\x89HDF\r\n\x1a\n") and b"header" in head and b"arrays" in head
 
     def read(self, path: Path, **options: Any) -> Brdf:
         from brdfcore.base.parameters import resolve

@@ -5,7 +5,11 @@ Recognised by their first bytes, never by their extension: .bsdf alone is RGL's,
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable
 from typing import NamedTuple
+
+import numpy as np
 
 from brdfcore.base.errors import FileFormatError
 
@@ -16,6 +20,7 @@ class Foreign(NamedTuple):
     starts    the first bytes after a byte order mark, blanks and (where `comments`) lines that begin with #: any of
               these. Empty: whatever.
     contains  any of these among the first bytes; empty: whatever.
+    test      asked of the first bytes beside these.
     """
 
     name: str
@@ -23,8 +28,10 @@ class Foreign(NamedTuple):
     starts: tuple[bytes, ...] = ()
     contains: tuple[bytes, ...] = ()
     comments: bool = False
+    test: Callable[[bytes], bool] | None = None
 
 
+_HDF5 = b"\x89HDF\r\n\x1a\n"
 _COLUMNS = "export the values as columns (theta_i, phi_i, theta_o, phi_o, f_r in 1/sr) and read those"
 
 FOREIGN = (
@@ -102,8 +109,54 @@ FOREIGN = (
     ),
     Foreign("numpy array", f"an array alone says nothing of its axes; {_COLUMNS}", starts=(b"\x93NUMPY",)),
     Foreign("MATLAB data file", _COLUMNS, starts=(b"MATLAB 5.0",)),
+    Foreign("MATLAB 7.3 data file (HDF5)", f"save it with -v7 or, from MATLAB, {_COLUMNS}", starts=(b"MATLAB 7.3",)),
+    Foreign(
+        "AxF material of X-Rite",
+        "its container is read by X-Rite's own library only: in Pantora or with the AxF SDK export the BRDF, or "
+        f"evaluate it there and {_COLUMNS}",
+        starts=(_HDF5,),
+        contains=(b"com.xrite", b"X-Rite", b"AxF"),
+    ),
+    Foreign(
+        "netCDF file (HDF5)",
+        f"what its variables mean is the data set's own; {_COLUMNS}",
+        starts=(_HDF5,),
+        contains=(b"_NCProperties", b"_Netcdf4", b"NETCDF"),
+    ),
+    Foreign("netCDF file", f"what its variables mean is the data set's own; {_COLUMNS}", starts=(b"CDF",)),
+    Foreign(
+        "HDF5 file that is no table of this project",
+        f"what its data sets mean is its own; {_COLUMNS}",
+        starts=(_HDF5,),
+    ),
+    Foreign(
+        "MERL file with its bytes swapped (big-endian)",
+        "turn its numbers round: with numpy, three int32 and then float64, .byteswap() each and written again",
+        test=lambda head: _is_merl(head, ">", "f8"),
+    ),
+    Foreign(
+        "MERL file of float32",
+        "the database has float64: with numpy, keep the first 12 bytes and write the rest .astype('<f8')",
+        test=lambda head: _is_merl(head, "<", "f4"),
+    ),
+    Foreign(
+        "MERL file of float32 with its bytes swapped (big-endian)",
+        "the database has little-endian float64: with numpy, turn three int32 and the numbers round, and write these "
+        ".astype('<f8')",
+        test=lambda head: _is_merl(head, ">", "f4"),
+    ),
     Foreign("PDF document", "it holds no reflectance table", starts=(b"%PDF",)),
 )
+
+
+def _is_merl(head: bytes, order: str, kind: str) -> bool:
+    """Three plausible numbers of cells, and nine in ten of what follows of sane size, in this byte order and type."""
+    if len(head) < 64 or not all(2 <= n <= 4_096 for n in struct.unpack_from(f"{order}3i", head)):
+        return False
+    width = int(kind[1])
+    size = np.abs(np.frombuffer(head, order + kind, (len(head) - 12) // width, 12).astype(np.float64))
+    sane = (size == 0) | ((size >= 1e-12) & (size <= 1e8))
+    return bool(sane.mean() >= 0.9)
 
 
 def refuse_foreign(head: bytes, file: str) -> None:
@@ -114,6 +167,7 @@ def refuse_foreign(head: bytes, file: str) -> None:
         body = body.partition(b"\n")[2].lstrip()
     for kind in FOREIGN:
         begins = not kind.starts or (body if kind.comments else text).startswith(kind.starts)
+        begins = begins and (kind.test is None or kind.test(head))
         if begins and (not kind.contains or any(word in head for word in kind.contains)):
             raise FileFormatError(
                 "format_not_read",

@@ -31,6 +31,8 @@ from brdfcore.tables.specular_grid import SpecularGrid
 
 Float64Array = npt.NDArray[np.float64]
 
+#: What the standard's schema asks the name of such a file to end in.
+NAME_END = "_brdf.xompt"
 #: Largest file read: 5 million rows; reading takes about six times a file's size.
 MAX_BYTES = 256_000_000
 #: Most wavelengths: a nanometre step over the optical range, and far beyond any file.
@@ -52,10 +54,10 @@ _CONVENTIONS = {
 
 
 class OpenMaterialFormat(Format):
-    """BRDF look-up table of ASAM OpenMATERIAL 3D 1.0 (`*_brdf.xompt`)."""
+    """BRDF look-up table of ASAM OpenMATERIAL 3D 1.0, whose name ends in `_brdf.xompt`."""
 
     name = "openmaterial"
-    SUMMARY = "ASAM OpenMATERIAL 3D BRDF look-up table (JSON rows)"
+    SUMMARY = "ASAM OpenMATERIAL 3D BRDF look-up table (JSON rows), NAME_brdf.xompt"
     REFERENCE = "ASAM OpenMATERIAL 3D 1.0.0, schemas/material_brdf_schema.json, ASAM e.V., 2025"
     EXTENSIONS = (".xompt",)
     PARAMETERS = (
@@ -99,6 +101,11 @@ class OpenMaterialFormat(Format):
         """
         given = resolve("writing format 'openmaterial'", self.WRITE_PARAMETERS, options)
         content, rows, losses = document(brdf, given)
+        if not path.name.endswith(NAME_END):
+            losses.append(
+                f"the standard calls such a file NAME{NAME_END}, and its public checker refuses {path.name!r}: rename "
+                "it for that"
+            )
         again = write_file(path, compose(content, rows), self.read)
         for text in losses:
             warnings.warn(text, LossWarning, stacklevel=2)

@@ -31,6 +31,8 @@ MAX_BYTES = 2_000_000_000
 _SAME_ROWS = 1e-6
 
 _CONVENTIONS = {
+    "valid": "the bits of the field valid are counted and ignored on purpose, as the database's own reader does: most "
+    "are not set in published files, and the samples behind them are interpolated like any other",
     "value": "the file tabulates f_r cos(theta_o); f_r in 1/sr is its quotient by cos(theta_o), also at the horizon",
     "directions": "theta_i of the file is theta_i here (wi, the tabulated direction); found by comparison with "
     "published evaluations, which differ when the directions are exchanged",
@@ -103,6 +105,7 @@ class _Reader:
         self.fields: dict[str, Field] = self.container.fields
         self.done: list[str] = []
         self.warnings: list[str] = []
+        self.valid: dict[str, int] = {}  # bits of the field valid
         self.size = len(data)
         self.sha256 = hashlib.sha256(data).hexdigest()
 
@@ -214,6 +217,7 @@ class _Reader:
                 "samples": int(values[0].size),
                 "jacobian": bool(self.fields["jacobian"].array[0]),
                 "fields": list(self.fields),
+                **({"valid bits": self.valid} if self.valid else {}),
             },
             "done": self.done,
             "warnings": self.warnings,
@@ -291,6 +295,7 @@ class _Reader:
             bits = azimuths * thetas * samples * samples
             if valid.size != -(-bits // 8):
                 raise self.fail("valid", "wrong size", f"{valid.size} bytes", f"{-(-bits // 8)}: one bit a sample")
+            self.valid = {"set": int(np.unpackbits(valid)[:bits].sum()), "of": bits}
 
     def _description(self) -> str:
         if "description" not in self.fields:

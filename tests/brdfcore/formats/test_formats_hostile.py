@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import brdfcore as bc
@@ -49,7 +51,16 @@ def test_examples_are_told_apart_by_content(name: str, tmp_path: Path) -> None:
     assert {n for n in FORMATS.names() if FORMATS.load(n)().sniff(head)} - {"csv"} == {name} - {"csv"}
 
 
+_CELLS = np.random.default_rng(1).uniform(0, 500, 900)
 HEADS = {
+    "axf": (b"\x89HDF\r\n\x1a\n" + bytes(200) + b"com.xrite.Materials", "AxF"),
+    "netcdf": (b"CDF\x01\0\0", "netCDF"),
+    "netcdf4": (b"\x89HDF\r\n\x1a\n" + bytes(200) + b"_NCProperties", "netCDF"),
+    "hdf": (b"\x89HDF\r\n\x1a\n" + bytes(200), "no table of this project"),
+    "matlab": (b"MATLAB 7.3 MAT-file, Platform: GLNXA64", "MATLAB 7.3"),
+    "swapped": (struct.pack(">3i", 90, 90, 180) + _CELLS.astype(">f8").tobytes(), "bytes swapped"),
+    "float32": (struct.pack("<3i", 90, 90, 180) + _CELLS.astype("<f4").tobytes(), "float32"),
+    "swapped32": (struct.pack(">3i", 90, 90, 180) + _CELLS.astype(">f4").tobytes(), "float32 with its bytes swapped"),
     "xml": (b"<?xml version='1.0'?><scene/>", "XML file"),
     "radiance": (b"#?RADIANCE\nFORMAT=BSDF_RBFmesh\n\n", "scattering interpolant"),
     "pbrt": (b"SCATFUN\x01\x00\x00", "Fourier"),

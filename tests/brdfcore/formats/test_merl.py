@@ -293,3 +293,26 @@ def test_any_bytes_are_read_or_refused(
     else:
         assert "fuzz.binary" in found.detail
         assert found.context["offset"] >= 0
+
+
+def test_a_header_in_another_order_is_read_as_the_database_s_reader_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its reader looks at the product of the three numbers only: 180 90 90 is 90 x 90 x 180 to it."""
+    monkeypatch.setattr("brdfcore.formats.merl.MERL_SHAPE", (3, 4, 6))
+    numbers = np.random.default_rng(2).uniform(0, 500, (3, 72)).astype("<f8").tobytes()
+    for name, header in (("usual", (3, 4, 6)), ("turned", (6, 3, 4))):
+        (tmp_path / f"{name}.binary").write_bytes(struct.pack("<3i", *header) + numbers)
+    usual, turned = (bc.read(tmp_path / f"{n}.binary") for n in ("usual", "turned"))
+    assert turned.id == usual.id  # type: ignore[attr-defined]
+    assert any("6 x 3 x 4" in s and "read as 3 x 4 x 6" in s for s in turned.report["warnings"])
+    declared = bc.read(tmp_path / "turned.binary", header="declared")
+    assert declared.values.shape == (6, 3, 4, 3)  # type: ignore[attr-defined]
+    assert any("read as 6 x 3 x 4 (header='declared')" in s for s in declared.report["warnings"])
+
+
+def test_float32_numbers_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "f4.binary"
+    path.write_bytes(struct.pack("<3i", 3, 4, 6) + np.full(216, 0.3, "<f4").tobytes())
+    with pytest.raises(bc.FileFormatError, match="float32"):
+        bc.read(path, format="merl")

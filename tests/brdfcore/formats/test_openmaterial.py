@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ def rows(waves: tuple[float | None, ...] = (5.5e-7,)) -> list[list[float | None]
 
 
 def put(folder: Path, text: str) -> Path:
-    path = folder / "made.xompt"
+    path = folder / "made_brdf.xompt"
     path.write_text(text, encoding="utf-8")
     return path
 
@@ -47,22 +48,22 @@ def put(folder: Path, text: str) -> Path:
 @pytest.mark.parametrize("bilateral", [True, False])
 def test_a_grid_comes_back_to_the_bit(tmp_path: Path, bilateral: bool) -> None:
     b = specular(bilateral)
-    bc.write(b, tmp_path / "a.xompt")
-    c = bc.read(tmp_path / "a.xompt")
+    bc.write(b, tmp_path / "a_brdf.xompt")
+    c = bc.read(tmp_path / "a_brdf.xompt")
     assert isinstance(c, SpecularGrid)
     assert isinstance(b, SpecularGrid)
     for name, array in b.to_arrays().items():
         assert np.array_equal(c.to_arrays()[name], array), name
     assert c.channels == b.channels
-    bc.write(c, tmp_path / "b.xompt")
-    assert (tmp_path / "b.xompt").read_bytes() == (tmp_path / "a.xompt").read_bytes()
+    bc.write(c, tmp_path / "b_brdf.xompt")
+    assert (tmp_path / "b_brdf.xompt").read_bytes() == (tmp_path / "a_brdf.xompt").read_bytes()
 
 
 def test_what_is_written_follows_the_standards_schema(tmp_path: Path) -> None:
     """Required keys, units and limits of material_brdf_schema.json, version 1.0.0; rows sorted."""
     with pytest.warns(LossWarning):
-        bc.write(bc.model("ggx", roughness=[0.2, 0.3, 0.4]), tmp_path / "m.xompt", shape="5,4,6")
-    content = json.loads((tmp_path / "m.xompt").read_text())
+        bc.write(bc.model("ggx", roughness=[0.2, 0.3, 0.4]), tmp_path / "m_brdf.xompt", shape="5,4,6")
+    content = json.loads((tmp_path / "m_brdf.xompt").read_text())
     required = {
         "name",
         "uuid",
@@ -85,11 +86,11 @@ def test_what_is_written_follows_the_standards_schema(tmp_path: Path) -> None:
     red = table[table[:, 0] == 6.114e-7]
     f = bc.model("ggx", roughness=0.2).evaluate(red[:, 1], red[:, 2], red[:, 3])[:, 0]
     assert np.allclose(red[:, 4], f, rtol=2e-4, atol=1e-6)
-    assert bc.read(tmp_path / "m.xompt").channels == ("R", "G", "B")
+    assert bc.read(tmp_path / "m_brdf.xompt").channels == ("R", "G", "B")
 
 
 def test_channels_and_wavelengths(tmp_path: Path) -> None:
-    path = tmp_path / "c.xompt"
+    path = tmp_path / "c_brdf.xompt"
     with pytest.warns(LossWarning):
         bc.write(bc.model("lambert"), path, shape="3,3,4", wavelengths=[905])
     assert bc.read(path).channels == (905.0,)
@@ -191,7 +192,7 @@ def test_the_table_is_found_wherever_it_stands() -> None:
 @needs_shared
 def test_conversion_of_a_measured_file_is_reported(tmp_path: Path) -> None:
     source = bc.read(rgl_path("chm_light_blue"))
-    found = bc.convert(source, tmp_path / "c.xompt")
+    found = bc.convert(source, tmp_path / "c_brdf.xompt")
     assert found.comparison is not None
     assert found.comparison.l1 <= 0.06
     worst = found.worst
@@ -207,6 +208,14 @@ def test_conversion_of_a_measured_file_is_reported(tmp_path: Path) -> None:
 
 
 def test_a_conversion_that_loses_nothing_says_so(tmp_path: Path) -> None:
-    found = bc.convert(specular(), tmp_path / "s.xompt")
+    found = bc.convert(specular(), tmp_path / "s_brdf.xompt")
     assert found.comparison is not None
     assert (found.comparison.l1, found.lost, found.format) == (0.0, [], "openmaterial")
+
+
+def test_another_name_than_the_standard_s_is_told(tmp_path: Path) -> None:
+    with pytest.warns(LossWarning, match="_brdf.xompt"):
+        bc.write(specular(), tmp_path / "paint.xompt")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bc.write(specular(), tmp_path / "paint_brdf.xompt")
