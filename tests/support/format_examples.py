@@ -181,18 +181,29 @@ def tracepro_text(waves: tuple[float, ...] = (0.55,), outwards: float = 1.0) -> 
     return "\n".join(lines) + "\n"
 
 
-def _bsdf_xml(folder: Path) -> bytes:
-    path = folder / "quarter.xml"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LossWarning)
-        bc.write(bc.model("ggx", roughness=0.5), path, "bsdf_xml", basis="quarter")
-    return path.read_bytes()
+def _small(name: str, **options: Any) -> Callable[[Path], bytes]:
+    """A file as small as a format's options make it."""
+
+    def made(folder: Path) -> bytes:
+        path = folder / f"small-{name}"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LossWarning)
+            bc.write(bc.model("ggx", roughness=0.5), path, name, **options)
+        return path.read_bytes()
+
+    return made
 
 
-OWN: dict[str, Callable[[Path], bytes]] = {"merl": _merl, "speos": lambda _: speos_text().encode(),
-       "alta": lambda _: alta_text().encode(), "bsdf_xml": _bsdf_xml,
-       "pbrt": lambda _: pbrt_text().encode(), "bird": lambda _: bird_text().encode(),
-       "tracepro": lambda _: tracepro_text().encode()}  # fmt: skip
+OWN: dict[str, Callable[[Path], bytes]] = {
+    "merl": _merl,
+    "speos": lambda _: speos_text().encode(),
+    "alta": lambda _: alta_text().encode(),
+    "pbrt": lambda _: pbrt_text().encode(),
+    "bird": lambda _: bird_text().encode(),
+    "tracepro": lambda _: tracepro_text().encode(),
+    "bsdf_xml": _small("bsdf_xml", basis="quarter"),
+    "mbsdf": _small("mbsdf", shape="4,6"),
+}
 
 
 def example(name: str, folder: Path) -> Path:

@@ -405,19 +405,3 @@ def test_errors_are_brdf_errors_and_value_errors(tmp_path: Path) -> None:
     assert error.code == "anisotropic"
     assert isinstance(error, BrdfError)
     assert isinstance(error, ValueError)
-
-
-def test_valid_bits_are_counted_and_ignored(tmp_path: Path) -> None:
-    fields = fields_of()
-    whole = tmp_path / "whole.bsdf"
-    whole.write_bytes(encode(fields))
-    fields["valid"] = fields["valid"].copy()
-    fields["valid"][0] = 0b01111110
-    marked = tmp_path / "marked.bsdf"
-    marked.write_bytes(encode(fields))
-    a, b = bc.read(whole), bc.read(marked)
-    bits = a.report["found"]["valid bits"]
-    assert bits["set"] == bits["of"]
-    assert b.report["found"]["valid bits"] == {"set": bits["of"] - 2, "of": bits["of"]}
-    assert "ignored on purpose" in b.report["conventions"]["valid"]
-    assert np.array_equal(a.evaluate(0.3, 0.4, 2.0), b.evaluate(0.3, 0.4, 2.0))

@@ -61,3 +61,19 @@ def test_a_table_of_a_real_file_has_the_files_luminance(path: Path, tmp_path: Pa
         if name == "vndf":  # each slice is normalised: here by its integral, in the file by its sum
             mine = mine * (theirs.sum(axis=(2, 3), keepdims=True) / mine.sum(axis=(2, 3), keepdims=True))
         assert np.abs(mine - theirs).max() <= 2e-6 * size, name
+
+
+def test_valid_bits_are_counted_and_ignored(tmp_path: Path) -> None:
+    fields = fields_of()
+    whole = tmp_path / "whole.bsdf"
+    whole.write_bytes(encode(fields))
+    fields["valid"] = fields["valid"].copy()
+    fields["valid"][0] = 0b01111110
+    marked = tmp_path / "marked.bsdf"
+    marked.write_bytes(encode(fields))
+    a, b = bc.read(whole), bc.read(marked)
+    bits = a.report["found"]["valid bits"]
+    assert bits["set"] == bits["of"]
+    assert b.report["found"]["valid bits"] == {"set": bits["of"] - 2, "of": bits["of"]}
+    assert "ignored on purpose" in b.report["conventions"]["valid"]
+    assert np.array_equal(a.evaluate(0.3, 0.4, 2.0), b.evaluate(0.3, 0.4, 2.0))
