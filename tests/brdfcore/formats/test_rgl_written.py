@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import brdfcore as bc
-from brdfcore.formats.rgl.tensor_file import decode
+from brdfcore.formats.rgl.tensor_file import decode, encode
 from brdfcore.tables.vndf_warp import VndfWarp
 from tests.brdfcore.formats.test_rgl import angles, needs_files, put
 from tests.support.rgl_synthetic import fields_of, published_value
