@@ -212,7 +212,11 @@ def _table(header: bytes, blocks: dict[str, _Block], file: str, data: bytes, neg
     table.source = {"name": file, "format": "mbsdf", "sha256": sha}
     lines = header.decode("latin-1").splitlines()
     table.metadata = {
-        "mbsdf": {"header": header.decode("latin-1"), "key": block.key.decode(), "transmission": len(blocks) == 2}
+        "mbsdf": {
+            "header": header.decode("latin-1"),
+            "key": block.key.decode().strip(),
+            "transmission": len(blocks) == 2,
+        }
     }
     about = next((x.partition("=")[2].strip('"') for x in lines if x.startswith(("description=", "name="))), "")
     if about:
@@ -272,7 +276,7 @@ def _content(brdf: Brdf, shape: str) -> tuple[bytes, bytes, npt.NDArray[np.float
     if len(brdf.channels) == 1 and brdf.channels != VALUE:
         losses.append(f"the channel {brdf.channels.labels()[0]} is written without its name")
     if isinstance(kept, dict):
-        return kept["header"].encode("latin-1"), kept["key"].encode(), table.values, losses
+        return kept["header"].encode("latin-1"), kept["key"].encode() + b"\n", table.values, losses
     name = str(brdf.metadata.get("description") or getattr(brdf, "source", {}).get("name", "")) or "BRDF"
     plain = "".join(c if c.isascii() and c.isprintable() else "?" for c in name[:200])
     quoted = plain.replace("\\", "\\\\").replace('"', '\\"')
@@ -300,11 +304,11 @@ def _sampled(brdf: Brdf, shape: str, losses: list[str]) -> NodeGrid:
     if not (2 <= n <= _MOST_CELLS and 2 <= m <= _MOST_CELLS and 12 * n * n * m <= MAX_BYTES):
         raise InputError(
             "bad_shape",
-            f"shape = {shape[:40]!r}: expected 2 whole numbers of cells from 2 to {_MOST_CELLS}, as 90,180, for a file "
-            f"of at most {MAX_BYTES} bytes",
+            f"shape = {shape[:40]!r}: expected 2 whole numbers of cells from 2 to {_MOST_CELLS}, as [90,180], for a "
+            f"file of at most {MAX_BYTES} bytes",
             where="shape",
             got=shape[:40],
-            expected="e.g. 90,180",
+            expected="e.g. [90,180]",
         )
     fold = frozenset() if brdf.bilateral else frozenset({"bilateral"})
     table = NodeGrid.build(brdf, BuildOptions(shape=(n, n, m), fold=fold))

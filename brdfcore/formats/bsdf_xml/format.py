@@ -170,7 +170,10 @@ class _Reader:
         if wanted not in found:
             self.done.append(f"there is no {wanted}: {other} is read")
             wanted = other
-        elif other in found:
+        elif other in found and any(
+            self._data(found[other][k]).text != self._data(b).text if k in found[other] else True
+            for k, b in found[wanted].items()
+        ):
             self.warnings.append(f"{wanted} is read; {other} is there too, and side= chooses it")
         if gone:
             self.warnings.append(f"{' and '.join(gone)} left out: only reflectance is held")
