@@ -126,31 +126,31 @@ def parse(data: bytes, file: str) -> Element:
 def numbers(element: Element, file: str, count: int) -> npt.NDArray[np.float64]:
     """The `count` finite numbers of an element's text, separated by commas or blanks."""
     # counted before they are made: a word takes far more memory than its letters
-    found = _words(element.text)
+    found = words_of(element.text)
     if found != count or count > _MOST_IN_MATRIX:
         raise bad(file, element.name, element.line, f"{found} numbers", f"{count}, of at most {_MOST_IN_MATRIX}")
-    return _floats(element.text.replace(",", " ").split(), element, file)
+    return floats(element.text, element, file)
 
 
-def _words(text: str) -> int:
+def words_of(text: str) -> int:
     """How many words a text has, separated by commas or blanks."""
     letters = np.frombuffer(text.encode("latin-1", "replace"), np.uint8)
     blank = (letters <= 32) | (letters == ord(","))
     return int((blank[:-1] & ~blank[1:]).sum() + (letters.size > 0 and not blank[0]))
 
 
-def _floats(words: list[str], element: Element, file: str) -> npt.NDArray[np.float64]:
-    try:
-        found = np.array([float(w) for w in words])
-    except ValueError:
-        for k, word in enumerate(words, 1):
-            try:
-                float(word)
-            except ValueError:
-                got = f"value {k}, {word[:20]!r}, is no number"
-                raise bad(file, element.name, element.line, got, "numbers") from None
-        raise
-    if "_" in element.text or not np.isfinite(found).all():
-        k = int(np.flatnonzero(~np.isfinite(found))[0]) + 1 if not np.isfinite(found).all() else 0
-        raise bad(file, element.name, element.line, f"value {k} is not a finite number", "finite numbers")
+def floats(text: str, element: Element, file: str) -> npt.NDArray[np.float64]:
+    """The finite numbers of a text that belongs to `element`."""
+    words = text.encode("latin-1", "replace").replace(b",", b" ").split()  # blanks of ASCII, as `words_of` has them
+    found = np.empty(len(words))
+    for k, word in enumerate(words):
+        try:
+            found[k] = float(word) if b"_" not in word else np.nan
+        except ValueError:
+            got = f"value {k + 1}, {word[:20].decode('latin-1')!r}, is no number"
+            raise bad(file, element.name, element.line, got, "numbers") from None
+    if not np.isfinite(found).all():
+        k = int(np.flatnonzero(~np.isfinite(found))[0])
+        got = f"value {k + 1}, {words[k][:20].decode('latin-1')!r}, is not a finite number"
+        raise bad(file, element.name, element.line, got, "finite numbers")
     return found

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.formats.bsdf_xml.document import MAX_NUMBERS, Element, bad
+from brdfcore.formats.bsdf_xml.document import MAX_NUMBERS, Element, bad, floats, words_of
 
 Float64Array = npt.NDArray[np.float64]
 
 #: Deepest tree, as a power of two along each axis: 128 x 256 x 256 cells.
 DEEPEST = 8
-_TOKEN = re.compile(r"[{}]|[^\s,{}]+")
+_PLACE, _BRACE = re.compile(r"[^\s,]"), re.compile(r"[{}]")
 #: A tree: an array of a grid's values, or its eight branches.
 _Tree = Float64Array | list[Any]
 
@@ -35,66 +35,58 @@ def values_of(element: Element, file: str) -> Float64Array:
 
 
 class _Parser:
+    """Braces and numbers, left to right; a grid's numbers are counted before they are made."""
+
     def __init__(self, element: Element, file: str) -> None:
-        self.element, self.file = element, file
-        if element.text.count("{") > MAX_NUMBERS:
-            raise self.bad("more braces than any tree has", "a tensor tree")
-        self.tokens = _TOKEN.finditer(element.text)
-        self.token = next(self.tokens, None)
-        self.read = 0
+        self.element, self.file, self.text = element, file, element.text
+        self.at, self.read = 0, 0
 
     def bad(self, got: str, expected: str) -> Exception:
         return bad(self.file, "ScatteringData", self.element.line, got, expected)
 
     def parse(self) -> tuple[_Tree, int]:
         tree = self._node(0)
-        if self.token is not None:
-            raise self.bad(f"{self.token[0][:20]!r} after the tree", "the end of the data")
+        if self._next():
+            raise self.bad(f"{self.text[self.at : self.at + 20]!r} after the tree", "the end of the data")
         return tree
 
-    def _take(self) -> str:
-        found = self.token[0] if self.token is not None else ""
-        self.token = next(self.tokens, None)
-        return found
+    def _next(self) -> str:
+        """The next character that is no blank and no comma; "" at the end."""
+        found = _PLACE.search(self.text, self.at)
+        self.at = found.start() if found else len(self.text)
+        return found[0] if found else ""
+
+    def _take(self, brace: str) -> None:
+        if self._next() != brace:
+            raise self.bad(f"{self.text[self.at : self.at + 20]!r}", f"a brace {brace}")
+        self.at += 1
 
     def _node(self, level: int) -> tuple[_Tree, int]:
         """A tree and how deep it goes below here."""
         if level > DEEPEST:
             raise self.bad(f"a tree deeper than {DEEPEST} levels", f"at most {2**DEEPEST} cells an axis")
-        if self._take() != "{":
-            raise self.bad("a value without a brace before it", "{")
-        if self.token is not None and self.token[0] == "{":
+        self._take("{")
+        if self._next() == "{":
             branches, depth = [], 0
             for _ in range(8):
                 branch, below = self._node(level + 1)
                 branches.append(branch)
                 depth = max(depth, below + 1)
-            self._close()
+            self._take("}")
             return branches, depth
-        numbers = []
-        while self.token is not None and self.token[0] not in "{}":
-            word = self._take()
-            try:
-                numbers.append(float(word))
-            except ValueError:
-                raise self.bad(f"{word[:20]!r} is no number", "numbers") from None
-            if "_" in word:
-                raise self.bad(f"{word[:20]!r} is no number", "numbers")
-        self.read += len(numbers)
-        if self.read > MAX_NUMBERS:
-            raise self.bad(f"more than {MAX_NUMBERS} numbers", "a coarser tree")
-        self._close()
-        size = next((k for k in range(DEEPEST + 1) if 8**k == len(numbers)), None)
-        if size is None or level + size > DEEPEST:
-            raise self.bad(f"a grid of {len(numbers)} values", f"1, 8, 64, ..., at most {2**DEEPEST} cells an axis")
-        values = np.array(numbers)
-        if not np.isfinite(values).all():
-            raise self.bad("a value that is not finite", "finite numbers")
+        end = _BRACE.search(self.text, self.at)
+        part = self.text[self.at : end.start() if end else len(self.text)]
+        count = words_of(part)
+        size = next((k for k in range(DEEPEST - level + 1) if 8**k == count), None)
+        self.read += count
+        if size is None or self.read > MAX_NUMBERS:
+            raise self.bad(
+                f"a grid of {count} values", f"1, 8, 64, ..., at most {2**DEEPEST} cells an axis, {MAX_NUMBERS} in all"
+            )
+        self.at += len(part)
+        self._take("}")
+        values = floats(part, self.element, self.file)
         return values.reshape((2**size,) * 3), size
-
-    def _close(self) -> None:
-        if self._take() != "}":
-            raise self.bad("a brace that is not closed", "}")
 
 
 def _fill(grid: Float64Array, tree: _Tree) -> None:
