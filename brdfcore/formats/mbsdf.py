@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import RGB, VALUE
 from brdfcore.base.conventions import HALF_PI
@@ -88,7 +88,7 @@ class MbsdfFormat(Format):
         header, blocks = _parsed(data, path.name)
         return _table(header, blocks, path.name, data, given["negatives"])
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
         """Write `brdf`: its own cells where it was read from such a file, else f in the middle of `shape` cells.
 
         `InputError` for a perfect mirror part and for channels other than one, or R, G, B.
@@ -101,10 +101,11 @@ class MbsdfFormat(Format):
             losses.append(f"{negative} negative values written as 0, as asked")
         n, _, m, channels = values.shape
         counts = _COUNTS.pack(int(channels == 3), n, m)
-        with replacing(path) as temporary:
-            temporary.write_bytes(MAGIC + header + key + counts + np.ascontiguousarray(values, "<f4").tobytes())
+        content = MAGIC + header + key + counts + np.ascontiguousarray(values, "<f4").tobytes()
+        again = write_file(path, content, self.read)
         for text in losses:
             warnings.warn(text, LossWarning, stacklevel=2)
+        return again
 
 
 def _bad(file: str, field: str, offset: int, reason: str, got: Any, expected: str) -> FileFormatError:

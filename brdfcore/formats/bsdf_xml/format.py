@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.atomic import replacing
+from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.errors import FileFormatError, InputError
@@ -83,7 +83,7 @@ class BsdfXmlFormat(Format):
         data = read_bytes(path, MAX_BYTES)
         return _Reader(path.name, data, given).brdf()
 
-    def write(self, brdf: Brdf, path: Path, **options: Any) -> None:
+    def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
         """Write the patch averages of `brdf`, of both sides; what they cost is said in a `LossWarning`.
 
         A `patch_grid` that was read from such a file is written with its own patches. `InputError` for a perfect mirror
@@ -91,10 +91,10 @@ class BsdfXmlFormat(Format):
         """
         given = resolve("writing format 'bsdf_xml'", self.WRITE_PARAMETERS, options)
         text, losses = document(brdf, given)
-        with replacing(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        again = write_file(path, text.encode(), self.read)
         for sentence in losses:
             warnings.warn(sentence, LossWarning, stacklevel=2)
+        return again
 
 
 class _Reader:
