@@ -1,8 +1,9 @@
-"""What holds for all tests: the end of a run tells what the compiler did in it."""
+"""What holds for all tests: one thread a worker in the plain run; its end tells what the compiler did."""
 
 from __future__ import annotations
 
 import logging
+import os
 from collections import Counter
 from typing import Any
 
@@ -29,7 +30,10 @@ _here = _Compiled()
 _workers: dict[str, dict[str, float]] = {}
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
+    if config.option.markexpr == "not slow":
+        # a core for each worker; the parallel versions, half of what the compiler would do, wait for the slow tier
+        os.environ.setdefault("BRDF_THREADS", "1")
     log = logging.getLogger("brdfcore.kernels")
     log.setLevel(logging.DEBUG)
     log.addHandler(_here)

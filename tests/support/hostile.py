@@ -1,5 +1,6 @@
 """Damaged and malicious files made from a valid one, whatever its format; and a reader of many of them in a process
-whose memory is watched: `python -m tests.support.hostile FORMAT FOLDER COUNT SEED` prints what happened as JSON."""
+whose memory is watched: `python -m tests.support.hostile FORMAT[,FORMAT ...] FOLDER COUNT SEED` prints what happened, a
+line of JSON for each format."""
 
 from __future__ import annotations
 
@@ -120,7 +121,7 @@ def attack(name: str, folder: Path, count: int, seed: int) -> dict[str, Any]:
         chosen = {*range(16), *(int(k) for k in rng.choice(len(variants), count, replace=False))}
         variants = [v for k, v in enumerate(variants) if k in chosen]
     limit = int(_megabytes("VmSize") * 1e3 * 1024) + 2**30
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
     wrong: list[str] = []
     slowest, largest, refused, read = (0.0, ""), (0.0, ""), 0, 0
     entry = FORMATS.load(name)()
@@ -156,4 +157,5 @@ def attack(name: str, folder: Path, count: int, seed: int) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(attack(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))))
+    for format_name in sys.argv[1].split(","):
+        print(json.dumps(attack(format_name, Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))))

@@ -254,7 +254,8 @@ def test_peers_stand_beside() -> None:
     assert found.chosen.kind != "peer"
 
 
-def test_one_thread_means_one_thread() -> None:
+def test_one_thread_means_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launch, "_serial_only", False)
     before = launch.threads()
     with launch.one_thread():
         assert launch.threads() == 1

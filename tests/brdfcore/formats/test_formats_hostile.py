@@ -19,25 +19,27 @@ from tests.support.format_examples import example
 from tests.support.tiers import first_fast
 
 
-#: Of the several hundred files made of an example; `python -m tests.support.hostile NAME FOLDER 0 1` reads them all.
-@pytest.mark.parametrize("files", first_fast(30, 120))
-@pytest.mark.parametrize("name", bc.formats())
-def test_hostile_files(name: str, files: int, tmp_path: Path) -> None:
+#: Formats read in one process, and files for each of the several hundred that are made of its example;
+#: `python -m tests.support.hostile NAME FOLDER 0 1` reads them all.
+@pytest.mark.parametrize(("names", "files"), first_fast((bc.formats(), 30), *(([name], 120) for name in bc.formats())))
+def test_hostile_files(names: list[str], files: int, tmp_path: Path) -> None:
     """Each is read or refused with an error that names file and place, in a second, in 200 MB beside what was there."""
-    command = [sys.executable, "-m", "tests.support.hostile", name, str(tmp_path), str(files), "1"]
+    command = [sys.executable, "-m", "tests.support.hostile", ",".join(names), str(tmp_path), str(files), "1"]
     root = Path(__file__).parents[3]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=120, cwd=root, env={**os.environ, "PYTHONPATH": str(root)}
     )
     assert done.returncode == 0, done.stderr[-2_000:]
-    found = json.loads(done.stdout.splitlines()[-1])
-    assert not found["wrong"], "\n".join(found["wrong"][:20])
-    assert found["refused"] + found["read"] >= files
-    assert found["refused"] >= files // 3, found
-    seconds, label = found["slowest"]
-    assert seconds <= 1.0, f"{label}: {seconds:.2f} s of processor time until it was refused"
-    megabytes, label = found["largest"]
-    assert megabytes <= 200, f"{label}: {megabytes:.0f} MB"
+    lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"wrong"')]
+    assert len(lines) == len(names)
+    for name, found in zip(names, lines, strict=True):
+        assert not found["wrong"], "\n".join([name, *found["wrong"][:20]])
+        assert found["refused"] + found["read"] >= files, name
+        assert found["refused"] >= files // 3, (name, found)
+        seconds, label = found["slowest"]
+        assert seconds <= 1.0, f"{name}, {label}: {seconds:.2f} s of processor time until it was refused"
+        megabytes, label = found["largest"]
+        assert megabytes <= 200, f"{name}, {label}: {megabytes:.0f} MB"
 
 
 @pytest.mark.parametrize("name", bc.formats())

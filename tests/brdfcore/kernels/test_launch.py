@@ -22,7 +22,7 @@ def start(name: str, *arguments: str, root: Path = ROOT, **environment: str) -> 
     return subprocess.Popen(
         [sys.executable, "-m", "tests.support.children", name, *arguments],
         cwd=root,
-        env={**os.environ, **environment},
+        env={**os.environ, "BRDF_THREADS": "", **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

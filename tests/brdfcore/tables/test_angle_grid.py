@@ -20,6 +20,7 @@ from brdfcore.tables.angle_grid import AngleGrid
 from brdfcore.tables.base.sampled import SMALLEST_NODE
 from brdfcore.tables.base.table import BuildOptions
 from tests.support.sources import Constant, Multilinear, Skewed
+from tests.support.tiers import first_fast
 
 
 def random_grid(channels: int, bilateral: bool, shape: tuple[int, int, int] = (7, 6, 9)) -> AngleGrid:
@@ -42,7 +43,7 @@ def test_conforms(channels: int, bilateral: bool, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("bilateral", [True, False])
-@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("channels", first_fast(1, 3, 4))
 def test_serial_parallel_and_numpy_twin_agree_to_the_bit(channels: int, bilateral: bool, dtype: type) -> None:
     grid = random_grid(channels, bilateral)
     rng = np.random.default_rng(0)

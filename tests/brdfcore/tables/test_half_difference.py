@@ -96,8 +96,9 @@ def test_the_mirror_coordinate_against_mpmath() -> None:
             assert u[k] == pytest.approx(float((1 - (reflected.T * wo)[0]) / 2), rel=1e-12)
 
 
+@pytest.mark.parametrize("parallel", first_fast(False, True), ids=["serial", "parallel"])
 @pytest.mark.parametrize("name", TABLES)
-def test_kernels_against_their_twin(name: str, tables: dict[str, HalfDifference]) -> None:
+def test_kernels_against_their_twin(name: str, parallel: bool, tables: dict[str, HalfDifference]) -> None:
     """Serial and parallel to the bit; the twin, library functions in float64, to rounding."""
     table = tables[name]
     rng = np.random.default_rng(1)
@@ -109,15 +110,16 @@ def test_kernels_against_their_twin(name: str, tables: dict[str, HalfDifference]
         given = [x.astype(dtype) for x in angles]
         inside = (given[0] >= 0) & (given[0] <= 1.57) & (given[1] >= 0) & (given[1] <= 1.57)
         found, counts = [], []
-        runs = (table._kernels[0].serial, table._kernels[0].parallel, kernels.half_numpy)
-        for run in runs:
+        kernel = table._kernels[0]
+        for run in (kernel.serial, kernels.half_numpy, *([kernel.parallel] if parallel else [])):
             out = np.zeros(n * channels, dtype)
             scale, folds = table._scales[np.dtype(dtype)], (table.bilateral, table._reciprocal_fold)
             counts.append(run(*given, *table._flat, out, scale, *folds, n_d, n_p))
             found.append(out.reshape(n, channels)[inside])
-        assert counts[0] == counts[1] == counts[2] > 0
-        assert np.array_equal(found[0], found[1])
-        off = np.abs(found[0] - found[2]) / (np.abs(found[2]) + np.abs(found[2]).mean())
+        assert counts[0] > 0
+        assert counts == [counts[0]] * len(counts)
+        assert np.array_equal(found[0], found[-1]) or not parallel
+        off = np.abs(found[0] - found[1]) / (np.abs(found[1]) + np.abs(found[1]).mean())
         assert off.max() < tolerance
 
 
@@ -149,6 +151,7 @@ def test_from_vectors(name: str, dtype: type, tables: dict[str, HalfDifference])
         assert np.array_equal(out, found)
 
 
+@pytest.mark.slow
 def test_vectors_kernels_agree(tables: dict[str, HalfDifference]) -> None:
     """Serial and parallel to the bit, unusable vectors counted."""
     for table in tables.values():
@@ -230,12 +233,12 @@ def test_folds() -> None:
     assert folded.arrays["map_p"].size < plain.arrays["map_p"].size
 
 
-def test_negative_values() -> None:
-    kept, zeroed = build(Skewed()), build(Skewed(), negatives="zero")
+def test_negative_values(tables: dict[str, HalfDifference]) -> None:
+    kept, zeroed = tables["no symmetry"], build(Skewed(), negatives="zero")
     assert not kept.non_negative
     assert zeroed.non_negative
     assert any("negative" in sentence for sentence in zeroed.report["done"])
-    assert build(gold(0.2)).non_negative
+    assert tables["reciprocal"].non_negative
 
 
 def test_a_delta_stays_apart() -> None:

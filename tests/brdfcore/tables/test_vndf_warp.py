@@ -129,6 +129,7 @@ def test_kernels_equal_their_twin(wavelengths: int, dtype: Any, tolerance: float
     assert np.median(error / np.abs(expected * cos)) <= tolerance / 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wavelengths", [0, 5])
 def test_serial_and_parallel_give_the_same_bits(wavelengths: int) -> None:
     table = made(fields_of(wavelengths=wavelengths))
