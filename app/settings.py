@@ -32,6 +32,9 @@ class Settings(BaseModel):
     max_points: int = Field(1_000_000, ge=1, description="most points of one evaluate request")
     max_values: int = Field(4_000_000, ge=1, description="most values (points x channels) of one JSON answer")
     max_theta_i: int = Field(16, ge=1, description="most angles of incidence in one slice")
+    max_work_seconds: float = Field(
+        20, gt=0, description="most seconds of an analysis, as estimated from its channels before it begins"
+    )
     max_lmax: int = Field(64, ge=1, le=256, description="largest degree of an expansion in spherical harmonics")
     max_body_bytes: int = Field(64 * MB, ge=1, description="most bytes of a request body, counted as received")
     max_json_bytes: int = Field(

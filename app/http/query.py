@@ -124,7 +124,8 @@ def openapi_parameters(model: type[Query]) -> list[dict[str, Any]]:
 def parse_numbers(name: str, text: str) -> npt.NDArray[np.float64]:
     """ "30" as an array of shape (), "30,45" of shape (2,)."""
     if _LIST.fullmatch(text):
-        return np.array([float(part) for part in text.split(",")]) if "," in text else np.array(float(text))
+        made = np.array([float(part) for part in text.split(",")]) if "," in text else np.array(float(text))
+        return _finite(name, made)
     # a "+" that nobody escaped arrives as a space: 1e+2 must not be refused for that
     parts = [re.sub(r"(?<=[eE]) ", "+", part.strip()) for part in text.split(",")]
     for index, part in enumerate(parts):
@@ -140,7 +141,16 @@ def parse_numbers(name: str, text: str) -> npt.NDArray[np.float64]:
                 expected="a decimal number",
             )
     numbers = [float(part) for part in parts]
-    return np.array(numbers[0] if len(numbers) == 1 else numbers)
+    return _finite(name, np.array(numbers[0] if len(numbers) == 1 else numbers))
+
+
+def _finite(name: str, numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    if not np.isfinite(numbers).all():
+        place = np.flatnonzero(~np.isfinite(numbers))[0] if numbers.ndim else 0
+        said = f"{name}{f'[{place}]' if numbers.ndim else ''}: is larger than any float64"
+        index = [int(place)] if numbers.ndim else []
+        raise bc.InputError("not_a_number", said, where=name, index=index, expected="a number that a float64 holds")
+    return numbers
 
 
 def numbers(description: str, *, default: Any = PydanticUndefined, example: str | None = None) -> Any:

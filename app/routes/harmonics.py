@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 from anyio.to_thread import run_sync
 from brdf_service.evaluate.directions import polar_angles
 from brdf_service.http.json import to_json
 from brdf_service.http.query import ANGLES, Flag, Numbers, Query, Unit, WholeNumber, numbers
+from brdf_service.library.materials import Material
 from brdf_service.routes.address import Found
 from brdf_service.routes.pictures import PNG, SVG, Channel
-from brdf_service.routes.resource import Resource, explained
+from brdf_service.routes.resource import Draw, Resource, explained
 from brdf_service.schemas.harmonics import HarmonicsAnswer
 from brdf_service.state import State
-from brdf_service.work.expansions import Degree, check_lmax
+from brdf_service.work.expansions import Degree, check_lmax, projection_seconds
+from brdf_service.work.stoppable import run_stoppable
 from pydantic import Field
+from starlette.requests import Request
 
 import brdfcore as bc
 
@@ -49,20 +50,25 @@ class HarmonicsPictureQuery(HarmonicsQuery):
     angles: Unit = ANGLES
 
 
+async def expanded(request: Request, state: State, material: Material, asked: Degree) -> bc.HarmonicExpansion:
+    """The expansion, made where it is not kept: one at a time, and only as long as its client waits."""
+    return await run_stoppable(request, partial(state.expansions.get, material, asked), state.projecting)
+
+
 def _check(state: State, asked: HarmonicsQuery) -> None:
     check_lmax(asked.lmax, state.settings.max_lmax)
 
 
-async def _summary(state: State, found: Found, asked: HarmonicsQuery, _: str) -> bytes:
-    made = await run_sync(state.expansions.get, found.material, asked.degree, limiter=state.projecting)
+async def _summary(request: Request, state: State, found: Found, asked: HarmonicsQuery, _: str) -> bytes:
+    made = await expanded(request, state, found.material, asked.degree)
     return await run_sync(lambda: to_json({**bc.harmonic_summary(made), "id": found.material.id}), limiter=state.large)
 
 
-def _drawn(format: str) -> Callable[[State, Found, Any, str], Awaitable[bytes]]:
-    async def draw(state: State, found: Found, asked: HarmonicsPictureQuery, etag: str) -> bytes:
+def _drawn(format: str) -> Draw:
+    async def draw(request: Request, state: State, found: Found, asked: HarmonicsPictureQuery, etag: str) -> bytes:
         if etag not in state.drawing:
             # not among those who draw: they would wait for a projection
-            await run_sync(state.expansions.get, found.material, asked.degree, limiter=state.projecting)
+            await expanded(request, state, found.material, asked.degree)
         return await state.drawing.made(etag, partial(_picture, state, found, asked, format))
 
     return draw
@@ -91,6 +97,7 @@ HARMONICS = (
         "the expansion",
         draw=_summary,
         check=_check,
+        seconds=lambda channels, asked: projection_seconds(channels, asked.lmax),
         example="lmax=16",
     ),
     *(
@@ -103,6 +110,7 @@ HARMONICS = (
             "the picture",
             draw=_drawn(format),
             check=_check,
+            seconds=lambda channels, asked: projection_seconds(channels, asked.lmax),
             title="spherical harmonics" if format == "svg" else "",
         )
         for format, media_type in (("png", PNG), ("svg", SVG))

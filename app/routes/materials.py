@@ -57,6 +57,7 @@ METADATA = Resource(
     content=MaterialLine,
     says="channels, bytes, flags, measured error, source",
     compute=_metadata,
+    seconds=lambda *_: 0.0,
     # a file's name, its source and its measured error may be others tomorrow for the same id
     lasting=False,
 )

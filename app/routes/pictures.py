@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from functools import cache
 from typing import Annotated, Any
 
@@ -14,11 +14,12 @@ from brdf_service.http.openapi import Content
 from brdf_service.http.query import ANGLES, Numbers, Query, Unit, WholeNumber, numbers
 from brdf_service.library.materials import Material
 from brdf_service.routes.address import Found
-from brdf_service.routes.resource import Resource
+from brdf_service.routes.resource import Draw, Resource
 from brdf_service.schemas.analysis import SliceAnswer
 from brdf_service.state import State
 from brdf_service.work.pictures import Picture
 from pydantic import Field
+from starlette.requests import Request
 
 import brdfcore as bc
 
@@ -87,6 +88,10 @@ def _check_coverage(state: State, asked: CoverageQuery) -> None:
         check_incidences(asked.theta_i, state.settings)
 
 
+def _seconds(channels: int, asked: Any) -> float:
+    return 0.02 if asked.channel is not None else 0.02 * channels
+
+
 def _check_sphere(_: State, asked: SphereQuery, found: Found) -> None:
     if asked.channel is not None:
         found.material.brdf.channels.find(asked.channel)
@@ -110,12 +115,10 @@ def _sphere_of(asked: SphereQuery, _: str) -> dict[str, Any]:
     return asked.model_dump()
 
 
-def drawn(
-    kind: str, arguments: Callable[[Any, str], dict[str, Any]], format: str
-) -> Callable[[State, Found, Any, str], Awaitable[bytes]]:
+def drawn(kind: str, arguments: Callable[[Any, str], dict[str, Any]], format: str) -> Draw:
     """Draws a picture of this kind, whose arguments are those of the query in this format."""
 
-    async def draw(state: State, found: Found, asked: Any, etag: str) -> bytes:
+    async def draw(_: Request, state: State, found: Found, asked: Any, etag: str) -> bytes:
         wanted = Picture(kind, found.title, arguments(asked, format))
         return await state.drawing.picture(etag, found.material, wanted)
 
@@ -137,13 +140,13 @@ def _check_listed(state: State, asked: ListedSliceQuery, found: Found) -> None:
     check_values(_values(asked, found), state.settings)
 
 
-def _listed(format: str) -> Callable[[State, Found, Any, str], Awaitable[bytes]]:
+def _listed(format: str) -> Draw:
     def list_all(material: Material, asked: ListedSliceQuery) -> bytes:
         theta_i = polar_angles(asked.theta_i, asked.angles).radians()[0]
         data = bc.slice(material.brdf, theta_i, view=asked.view, channel=asked.channel)
         return str(data.to_csv(asked.angles)).encode() if format == "csv" else to_json(data.to_json(asked.angles))
 
-    async def draw(state: State, found: Found, asked: ListedSliceQuery, _: str) -> bytes:
+    async def draw(_: Request, state: State, found: Found, asked: ListedSliceQuery, etag: str) -> bytes:
         if _values(asked, found) <= _INLINE_LISTED and state.ready:
             return list_all(found.material, asked)
         return await run_sync(list_all, found.material, asked, limiter=state.listing)
@@ -159,8 +162,8 @@ def _slice_resource(format: str, content: Content, **how: Any) -> Resource:
 
 
 PICTURES = (
-    _slice_resource("svg", SVG, draw=drawn("slice", _slice_of, "svg"), example="theta_i=30,60"),
-    _slice_resource("png", PNG, draw=drawn("slice", _slice_of, "png")),
+    _slice_resource("svg", SVG, draw=drawn("slice", _slice_of, "svg"), seconds=_seconds, example="theta_i=30,60"),
+    _slice_resource("png", PNG, draw=drawn("slice", _slice_of, "png"), seconds=_seconds),
     _slice_resource("json", SliceAnswer, draw=_listed("json"), check_found=_check_listed),
     _slice_resource("csv", CSV, draw=_listed("csv"), check_found=_check_listed),
     Resource(
@@ -172,6 +175,7 @@ PICTURES = (
         "said in the picture.",
         "the sphere",
         draw=drawn("sphere", _sphere_of, "png"),
+        seconds=_seconds,
         check_found=_check_sphere,
         example="",
     ),

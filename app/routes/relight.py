@@ -19,10 +19,12 @@ from brdf_service.http.openapi import operation
 from brdf_service.http.query import Numbers, Query, WholeNumber, numbers, parse_query
 from brdf_service.library.materials import Material
 from brdf_service.routes.address import ADDRESSES, Address
+from brdf_service.routes.harmonics import expanded
 from brdf_service.schemas.harmonics import RelightAnswer, RelightRequest
 from brdf_service.settings import Settings
 from brdf_service.state import state_of
-from brdf_service.work.expansions import Degree, check_lmax
+from brdf_service.work.expansions import Degree, check_lmax, projection_seconds
+from brdf_service.work.stoppable import check_seconds, run_stoppable
 from fastapi import APIRouter
 from pydantic import AfterValidator, Field, WithJsonSchema
 from starlette.requests import Request
@@ -101,8 +103,11 @@ async def relight(request: Request, address: Address) -> Response:
     _check(scene, len(material.brdf.channels), settings)
     made: bc.HarmonicExpansion | None = None
     if scene.map is not None:
-        made = await run_sync(state.expansions.get, material, Degree(query.lmax), limiter=state.projecting)
-    body = await run_sync(partial(_relit, material, scene, query.lmax, made), limiter=state.large)
+        channels = len(material.brdf.channels)
+        seconds = projection_seconds(channels, query.lmax)
+        check_seconds(seconds, channels, settings.max_work_seconds, "ask for a smaller lmax")
+        made = await expanded(request, state, material, Degree(query.lmax))
+    body = await run_stoppable(request, partial(_relit, material, scene, query.lmax, made), state.large)
     return Response(body, 200, {"cache-control": "no-store"}, media_type="application/json")
 
 

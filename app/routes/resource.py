@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from anyio.to_thread import run_sync
 from brdf_service.evaluate.directions import polar_angles
 from brdf_service.http.caching import material_headers, not_modified
 from brdf_service.http.json import to_json
@@ -17,11 +17,16 @@ from brdf_service.http.security import NO_REFERRER, SVG_POLICY
 from brdf_service.library.materials import Material
 from brdf_service.routes.address import ADDRESSES, Address, Found
 from brdf_service.state import State, state_of
+from brdf_service.work.stoppable import check_seconds, run_stoppable
 from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
 
 import brdfcore as bc
+
+Draw = Callable[[Request, State, Found, Any, str], Awaitable[bytes]]
+#: What to do where it is too much work.
+_FEWER = "name one channel where the path takes one, or use the library or the shell"
 
 
 @dataclass(frozen=True)
@@ -32,8 +37,9 @@ class Resource:
     query         its parameters.
     content       schema of a JSON answer, or the media type of another.
     compute       (material, query) -> content: JSON-ready, or bytes. In a thread, `seats` at once.
-    draw          (state, found, query, etag) -> bytes, instead of `compute`: what is more than one computation.
+    draw          (request, state, found, query, etag) -> bytes, instead of `compute`: more than one computation.
     check         (state, query), and (state, query, found) once the material is found: refuses what is too large.
+    seconds       (channels, query) -> about how long it takes: what is too much is refused before it begins.
     lasting       by id the answer never changes; False if it says anything of the file.
     kept          the answer is kept with the material: `compute` takes seconds, and the query changes next to nothing.
     example       query of the link in the metadata; None: no link.
@@ -47,9 +53,10 @@ class Resource:
     description: str = ""
     says: str = "the answer"
     compute: Callable[[Material, Any], Any] | None = None
-    draw: Callable[[State, Found, Any, str], Awaitable[bytes]] | None = None
+    draw: Draw | None = None
     check: Callable[[State, Any], None] | None = None
     check_found: Callable[[State, Any, Found], None] | None = None
+    seconds: Callable[[int, Any], float] = lambda channels, _: 0.002 * channels
     refusals: tuple[int, ...] = (404, 409, 413, 503)
     lasting: bool = True
     kept: bool = False
@@ -71,6 +78,8 @@ class Resource:
         if self.check_found is not None:
             self.check_found(state, asked, found)
         material = found.material
+        channels = len(material.brdf.channels)
+        check_seconds(self.seconds(channels, asked), channels, state.settings.max_work_seconds, _FEWER)
         headers = material_headers(request, material.id, material.tag, found.by_id, lasting=self.lasting)
         if self.media_type == "image/svg+xml":
             headers |= {"content-security-policy": SVG_POLICY, **NO_REFERRER}
@@ -78,17 +87,18 @@ class Resource:
         if unchanged is not None:
             return unchanged
         try:
-            body = await self._body(state, found, asked, headers["etag"])
+            body = await self._body(request, state, found, asked, headers["etag"])
         except bc.InputError as error:
             raise explained(error, asked) from error
         return Response(body, 200, headers, media_type=self.media_type)
 
-    async def _body(self, state: State, found: Found, asked: Any, etag: str) -> bytes:
+    async def _body(self, request: Request, state: State, found: Found, asked: Any, etag: str) -> bytes:
         if self.draw is not None:
-            return await self.draw(state, found, asked, etag)
+            return await self.draw(request, state, found, asked, etag)
         held: bytes | None = found.material.parts.get((self.name, asked)) if self.kept else None
         if held is None:
-            held = await run_sync(self._computed, found.material, asked, limiter=getattr(state, self.seats))
+            work = partial(self._computed, found.material, asked)
+            held = await run_stoppable(request, work, getattr(state, self.seats))
             if self.kept:
                 found.material.parts[self.name, asked] = held
         return held

@@ -6,9 +6,11 @@ import contextlib
 import ctypes
 import errno
 import logging
+import os
 import signal
 import socket
 import sys
+import threading
 from collections.abc import Iterator
 from importlib.util import find_spec
 from types import FrameType
@@ -21,6 +23,8 @@ from starlette.types import ASGIApp
 
 import brdfcore as bc
 
+#: Seconds after the drain in which everything has to end.
+_LAST_SECONDS = 1.0
 #: Number of the parameter in glibc's malloc.h.
 _M_ARENA_MAX = -8
 _HINTS = {
@@ -82,6 +86,16 @@ def start_logging(level: str) -> None:
     logging.getLogger("uvicorn.error").setLevel("DEBUG" if level == "debug" else "WARNING")
 
 
+def _leave(state: State) -> None:
+    """End the process now, and its children before it."""
+    logging.getLogger("brdf.service").warning("ended while work was running: the drain is over")
+    for end in (state.jobs.kill, state.drawing.kill):
+        end()
+    logging.shutdown()
+    sys.stdout.flush()
+    os._exit(0)
+
+
 class _Server(uvicorn.Server):
     """Says where it listens once it does, and returns after SIGTERM instead of dying of it."""
 
@@ -92,6 +106,10 @@ class _Server(uvicorn.Server):
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         self._state.draining = True
         super().handle_exit(sig, frame)
+        # what cannot be stopped, a kernel or a reader, does not keep the process: every file is whole at any moment
+        last = threading.Timer(self._state.settings.drain_seconds + _LAST_SECONDS, _leave, (self._state,))
+        last.daemon = True
+        last.start()
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)

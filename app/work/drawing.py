@@ -1,4 +1,4 @@
-"""Pictures: kept by ETag, drawn one at a time by a process of their own, and once for all who ask for the same one.
+"""Pictures: kept by ETag, drawn by processes of their own, and once for all who ask for the same one.
 
 matplotlib is Python all through. In a thread of the service a picture takes ten times as long as alone, because the
 thread gives the interpreter's lock to the event loop every millisecond, and all other requests wait for it as often.
@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import threading
 from collections.abc import Callable
 from functools import partial
+from queue import LifoQueue
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
@@ -27,23 +29,35 @@ log = logging.getLogger("brdf.service")
 KEPT_BYTES = 16 * 2**20
 #: Pictures that may wait to be drawn; a start page shows 24. Each takes a twentieth of a second, a sphere a quarter.
 WAITING = 256
+#: Seconds for which a caller waits: then the picture is still to be drawn, or it is drawn for who asks again.
+LONGEST_WAIT = 2.7
 #: Seconds that one picture may take; the largest takes about one.
-PATIENCE = 60.0
-_RETRY = 5
+PATIENCE = 20.0
+#: Processes: one for every two cores, as look-ups go first.
+PROCESSES = max(1, min(4, (os.cpu_count() or 1) // 2))
+_RETRY = 3
+
+
+class _Worker:
+    """A process that draws, once one was started; it belongs to whoever took it from those that are free."""
+
+    child: Child | None = None
 
 
 class Drawing:
     """All pictures of a service. Its coroutines belong to one event loop; `draw` and `stop` block, in any thread."""
 
     def __init__(self, *, apart: bool) -> None:
-        """`apart`: in a process, which starts with the first picture; else in a thread."""
+        """`apart`: in processes, which start with the first pictures; else in a thread."""
         self._kept: LRUCache[str, bytes] = LRUCache(KEPT_BYTES, getsizeof=len)
         self._making: dict[str, asyncio.Task[bytes]] = {}
-        # matplotlib's font cache and lock are shared by all figures: two at once are no faster, and would take the
-        # threads that evaluate needs
-        self._one = CapacityLimiter(1)
-        self._child: Child | None = None
-        self._drawing = threading.Lock()
+        # matplotlib's font cache and lock are shared by all figures of a process: two at once are no faster, and would
+        # take the threads that evaluate needs
+        self._workers = [_Worker() for _ in range(PROCESSES if apart else 1)]
+        self._seats = CapacityLimiter(len(self._workers))
+        self._free: LifoQueue[_Worker] = LifoQueue()
+        for worker in reversed(self._workers):
+            self._free.put(worker)
         self._here = threading.Event()
         if not apart:
             self._here.set()
@@ -72,12 +86,21 @@ class Drawing:
             task = self._making[etag] = asyncio.create_task(self._made(etag, make))
             # an error of which all who waited have gone away is no news for the log
             task.add_done_callback(lambda done: done.cancelled() or done.exception())
-        # one who goes away does not take the picture from the others
-        return await asyncio.shield(task)
+        try:
+            # one who goes away does not take the picture from the others
+            return await asyncio.wait_for(asyncio.shield(task), LONGEST_WAIT)
+        except TimeoutError:
+            text = f"the picture is not drawn after {LONGEST_WAIT:g} s, as others are; ask again"
+            raise BusyError("drawing_busy", text, retry_after=_RETRY) from None
 
     async def _made(self, etag: str, make: Callable[[], bytes]) -> bytes:
         try:
-            made = await run_sync(make, limiter=self._one)
+            async with asyncio.timeout(LONGEST_WAIT):  # nobody waits any longer for its turn
+                await self._seats.acquire_on_behalf_of(etag)
+            try:
+                made = await run_sync(make)
+            finally:
+                self._seats.release_on_behalf_of(etag)
             keep(self._kept, etag, made)
             return made
         finally:
@@ -91,20 +114,26 @@ class Drawing:
         made = self._drawn_apart(material, wanted)
         return draw(material.brdf, wanted) if made is None else made
 
-    def stop(self) -> None:
-        """End the process, also in the middle of a picture; no other starts."""
+    def kill(self) -> None:
+        """End the processes at once, also in the middle of a picture; no other starts."""
         self._here.set()
-        child = self._child
-        if child is not None:
-            child.kill()
-        with self._drawing:  # who waited for it has noticed
-            self._let_go()
+        for worker in self._workers:
+            if worker.child is not None:
+                worker.child.kill()
+
+    def stop(self) -> None:
+        """As `kill`, and wait for their end."""
+        self.kill()
+        for worker in [self._free.get() for _ in self._workers]:  # who waited for them has noticed
+            _let_go(worker)
+            self._free.put(worker)
 
     def _drawn_apart(self, material: Material, wanted: Picture) -> bytes | None:
         task = {"name": material.name, "file": material.file, "id": material.id, "picture": wanted}
-        with self._drawing:
+        worker = self._free.get()
+        try:
             for _ in range(2):  # it may have been killed since the last picture, which is no fault of this one
-                child = self._running()
+                child = self._running(worker)
                 if child is None:
                     return None
                 with child.within(PATIENCE):
@@ -113,33 +142,37 @@ class Drawing:
                     body = child.read(head.get("bytes", 0)) if head else b""
                 if head and len(body) == head.get("bytes", 0):
                     break
-                self._let_go()
+                _let_go(worker)
                 log.warning("the process that draws ended over a %s", wanted.kind)
                 if child.late:
                     raise _failed(f"drawing took more than {PATIENCE:.0f} s")
             else:
                 raise _failed("the process that draws ended before the picture was done")
+        finally:
+            self._free.put(worker)
         if "problem" in head:
             raise rebuilt(head["problem"])
         if "failed" in head:
             raise RuntimeError("the picture could not be drawn; the traceback stands above")
         return None if "changed" in head else body
 
-    def _running(self) -> Child | None:
-        """The process, started if need be; None if pictures are drawn here."""
-        if self._here.is_set() or (self._child is not None and self._child.process.poll() is not None):
-            self._let_go()
-        if self._child is None and not self._here.is_set():
+    def _running(self, worker: _Worker) -> Child | None:
+        """Its process, started if need be; None if pictures are drawn here."""
+        if self._here.is_set() or (worker.child is not None and worker.child.process.poll() is not None):
+            _let_go(worker)
+        if worker.child is None and not self._here.is_set():
             # one thread: the cores are for look-ups
-            self._child = Child("drawing_process", NUMBA_NUM_THREADS="1", OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+            one = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+            worker.child = Child("drawing_process", **one)
             if self._here.is_set():  # stopped in between
-                self._child.kill()
-        return self._child
+                worker.child.kill()
+        return worker.child
 
-    def _let_go(self) -> None:
-        if self._child is not None:
-            self._child.close()
-            self._child = None
+
+def _let_go(worker: _Worker) -> None:
+    if worker.child is not None:
+        worker.child.close()
+        worker.child = None
 
 
 def _failed(why: str) -> BusyError:

@@ -51,6 +51,11 @@ class Expansions:
             return self._kept.get(key)
 
 
+def projection_seconds(channels: int, lmax: int) -> float:
+    """About how long a projection takes: the directions grow with the square of the degree, the sums with its cube."""
+    return 0.045 * channels * (lmax / 32) ** 2.5
+
+
 def check_lmax(lmax: int, limit: int) -> None:
     """`LimitError` above the service's largest degree: the work grows with its cube."""
     if lmax > limit:

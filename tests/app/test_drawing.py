@@ -7,11 +7,13 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 from brdf_service.http.errors import BusyError
+from brdf_service.library.folder import Folder
 from brdf_service.library.materials import Library
 from brdf_service.work.drawing import WAITING, Drawing
 from brdf_service.work.pictures import Picture, draw
@@ -37,7 +39,7 @@ def drawing() -> Iterator[Drawing]:
 
 
 def running_in(drawing: Drawing) -> int:
-    child = drawing._child
+    child = drawing._workers[0].child
     assert child is not None
     assert child.process.poll() is None
     return child.process.pid
@@ -53,12 +55,12 @@ def running_in(drawing: Drawing) -> int:
     ],
 )
 def test_bytes_of_the_library(shared: Drawing, original: Path, name: str, picture: Picture) -> None:
-    material = Library(original, 2**20).get(name)
+    material = Library(Folder(original), 2**20).get(name)
     assert shared._drawn_apart(material, picture) == draw(material.brdf, picture)
 
 
 def test_errors_come_back_as_they_are(shared: Drawing, original: Path) -> None:
-    material = Library(original, 2**20).get("red")
+    material = Library(Folder(original), 2**20).get("red")
     with pytest.raises(bc.InputError) as here:
         draw(material.brdf, Picture("slice", "", {**ASKED, "theta_i": [0.5, 2.0]}))
     with pytest.raises(bc.InputError) as there:
@@ -68,14 +70,14 @@ def test_errors_come_back_as_they_are(shared: Drawing, original: Path) -> None:
 
 
 def test_a_mistake_inside_is_one_and_leaves_the_process(shared: Drawing, original: Path) -> None:
-    material = Library(original, 2**20).get("red")
+    material = Library(Folder(original), 2**20).get("red")
     with pytest.raises(RuntimeError, match="traceback"):
         shared.draw(material, Picture("no such kind", "", {}))
     assert shared.draw(material, SLICE) is not None
 
 
 def test_a_file_that_changed_is_drawn_here(drawing: Drawing, data: Path) -> None:
-    material = Library(data, 2**20).get("gold-grid")
+    material = Library(Folder(data), 2**20).get("gold-grid")
     (data / "gold-grid.h5").write_bytes((data / "red.h5").read_bytes())
     assert drawing._drawn_apart(material, SLICE) is None
     assert drawing.draw(material, SLICE) == draw(material.brdf, SLICE)
@@ -84,14 +86,14 @@ def test_a_file_that_changed_is_drawn_here(drawing: Drawing, data: Path) -> None
 
 
 def test_killed_between_pictures(drawing: Drawing, original: Path) -> None:
-    material = Library(original, 2**20).get("gold")
+    material = Library(Folder(original), 2**20).get("gold")
     first = drawing.draw(material, SLICE)
     os.kill(running_in(drawing), signal.SIGKILL)
     assert drawing.draw(material, SLICE) == first
 
 
 def test_one_that_takes_too_long_is_ended(drawing: Drawing, original: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    material = Library(original, 2**20).get("gold")
+    material = Library(Folder(original), 2**20).get("gold")
     drawing.draw(material, SLICE)
     os.kill(running_in(drawing), signal.SIGSTOP)  # as one that never ends
     monkeypatch.setattr("brdf_service.work.drawing.PATIENCE", 0.2)
@@ -104,7 +106,7 @@ def test_one_that_takes_too_long_is_ended(drawing: Drawing, original: Path, monk
 
 
 def test_after_the_end_no_other_starts(drawing: Drawing, original: Path) -> None:
-    material = Library(original, 2**20).get("gold")
+    material = Library(Folder(original), 2**20).get("gold")
     drawing.draw(material, SLICE)
     pid = running_in(drawing)
     drawing.stop()
@@ -163,3 +165,25 @@ def test_so_many_may_wait() -> None:
         return int(caught.value.context["retry_after"])
 
     assert asyncio.run(work(Drawing(apart=False))) > 0
+
+
+def test_nobody_waits_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An answer or a refusal in time; what was begun is there for who asks again, what was not is not drawn at all."""
+    monkeypatch.setattr("brdf_service.work.drawing.LONGEST_WAIT", 0.2)
+    goes_on, calls = threading.Event(), []
+
+    def draw(name: str) -> bytes:
+        calls.append(name)
+        goes_on.wait(10)
+        return name.encode()
+
+    async def work(drawing: Drawing) -> None:
+        asked = [drawing.made(name, partial(draw, name)) for name in ("begun", "waits", "begun")]
+        for failed in await asyncio.gather(*asked, return_exceptions=True):
+            assert isinstance(failed, BusyError)
+            assert failed.context["retry_after"] > 0
+        goes_on.set()
+        assert await drawing.made("begun", partial(draw, "begun")) == b"begun"
+
+    asyncio.run(work(Drawing(apart=False)))
+    assert calls == ["begun"]

@@ -1,0 +1,93 @@
+"""Work is estimated before it begins, stops when its client is gone, and does not keep a process that is to end."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from anyio import CapacityLimiter
+from brdf_service.work.stoppable import run_stoppable
+from starlette.requests import ClientDisconnect, Request
+from starlette.testclient import TestClient
+
+from tests.app.conftest import assert_problem
+
+WIDE = {"model": "lambert", "parameters": {"reflectance": [0.1 + 0.8 * k / 10_000 for k in range(10_000)]}}
+
+
+@pytest.mark.parametrize("number", ["1e309", "-1e309", "30,1e309", "1" + "0" * 400])
+@pytest.mark.parametrize("kind", ["slice.svg", "slice.png", "slice.json", "coverage.svg", "albedo", "harmonics.png"])
+def test_numbers_beyond_float64(shared_client: TestClient, kind: str, number: str) -> None:
+    id = shared_client.get("/v1/materials/gold").json()["id"]
+    for path in ("/v1/materials/gold", f"/v1/tables/{id}"):
+        assert_problem(shared_client.get(f"{path}/{kind}", params={"theta_i": number}), 422, "not_a_number")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "checks",
+        "gloss",
+        "harmonics?lmax=8",
+        "harmonics.svg",
+        "albedo?theta_i=0,30",
+        "sphere.png",
+        "slice.svg?theta_i=0",
+    ],
+)
+def test_analyses_of_many_channels_are_refused(client: TestClient, data: Path, path: str) -> None:
+    (data / "wide.json").write_text(json.dumps(WIDE))
+    client.get("/v1/materials/wide")
+    begun = time.perf_counter()
+    content = assert_problem(client.get(f"/v1/materials/wide/{path}"), 413, "too_much_work")
+    assert time.perf_counter() - begun < 2
+    assert 0 < content["errors"][0]["limit"] < 10_000
+    assert client.get("/v1/materials/wide/evaluate?theta_i=30&theta_o=30&delta_phi=180").status_code == 200
+
+
+def _request(gone: asyncio.Event) -> Request:
+    async def receive() -> dict[str, Any]:
+        await gone.wait()
+        return {"type": "http.disconnect"}
+
+    return Request({"type": "http", "method": "GET", "path": "/", "headers": []}, receive)
+
+
+def test_work_stops_when_its_client_is_gone() -> None:
+    state = {"steps": 0, "ended": False}
+
+    def work() -> None:
+        try:
+            for _ in range(10_000):
+                state["steps"] += 1
+                time.sleep(0.01)
+        finally:
+            state["ended"] = True
+
+    async def main() -> None:
+        gone, seats = asyncio.Event(), CapacityLimiter(1)
+        running = asyncio.create_task(run_stoppable(_request(gone), work, seats))
+        await asyncio.sleep(0.1)
+        assert seats.borrowed_tokens == 1
+        gone.set()
+        with pytest.raises(ClientDisconnect):
+            await running
+        for _ in range(100):
+            await asyncio.sleep(0.02)
+            if not seats.borrowed_tokens:
+                break
+        assert seats.borrowed_tokens == 0
+        assert await run_stoppable(_request(asyncio.Event()), lambda: 7, seats) == 7
+        with pytest.raises(ZeroDivisionError):
+            await run_stoppable(_request(asyncio.Event()), lambda: 1 // 0, seats)
+        assert seats.borrowed_tokens == 0
+
+    asyncio.run(main())
+    assert state["ended"]
+    assert state["steps"] < 500
+    assert not [t for t in threading.enumerate() if t.name == "analysis"]
