@@ -160,7 +160,7 @@ def test_two_files_of_one_name(data: Path, client: TestClient) -> None:
 def test_files_that_are_not_materials(data: Path, client: TestClient) -> None:
     (data / ".gold.h5.tmp").write_bytes(b"")
     (data / ".hidden.json").write_text("{}")
-    (data / "README.txt").write_text("")
+    (data / "README.md").write_text("")
     (data / "folder.json").mkdir()
     os.mkfifo(data / "pipe.json")  # opening it would wait for ever
     (data / "my gold.json").write_text("{}")
