@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import brdfcore as bc
 from tests.support.pages import ROOT
 
 sys.path.append(str(ROOT / "docs"))
@@ -46,6 +47,12 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
     for style in site.rglob("*.css"):
         text = style.read_text(encoding="utf-8")
         assert not re.search(r"(?:@import\s+[\"']|url\(\s*[\"']?)(?:https?:)?//", text), style.name
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    names = set(bc.__all__) - {"__version__", "names", "plot"}
+    assert names == set(re.findall(r"^\.\. (?:auto|py:)\w+:: (\w+)", text, re.MULTILINE)) - {"brdfcore"}
 
 
 @pytest.mark.parametrize(

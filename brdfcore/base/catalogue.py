@@ -45,7 +45,11 @@ def formats() -> dict[str, tuple[Parameter, ...]]:
 
 
 def extensions() -> dict[str, tuple[str, ...]]:
-    """Every file format with the usual ends of its files' names; a file is told by its content, not by them."""
+    """Every file format with the usual ends of its files' names; a file is told by its content, not by them.
+
+    >>> bc.extensions()["merl"]
+    ('.binary',)
+    """
     return {name: FORMATS.load(name).EXTENSIONS for name in FORMATS}
 
 

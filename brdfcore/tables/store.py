@@ -41,7 +41,7 @@ def open_table(path: str | PathLike[str], *, max_bytes: int = MAX_BYTES) -> Tabl
     Raises `StorageError` if the file can't be opened, `FileFormatError` naming file and field, `LimitError`.
 
     >>> table = bc.tabulate(bc.model("lambert", reflectance=0.5), "angle_grid", shape=(4, 4, 5))
-    >>> table.save("white.h5")
+    >>> stored = table.save("white.h5")
     >>> same = bc.open_table("white.h5")
     >>> same.id == table.id, same.evaluate(0.3, 0.2, 1.0).round(6)
     (True, array([0.159155]))

@@ -68,7 +68,7 @@ def write(brdf: Brdf, path: str | PathLike[str], format: str | None = None, **op
 
     options  the format's own (its `WRITE_PARAMETERS`), e.g. `grid="angles"` for "openmaterial".
 
-    >>> bc.write(bc.model("lambert", reflectance=0.5), "white.json")
+    >>> stored = bc.write(bc.model("lambert", reflectance=0.5), "white.json")
     >>> bc.read("white.json").evaluate(0.3, 0.2, 1.0).round(6)
     array([0.159155])
     """
