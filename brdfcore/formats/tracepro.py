@@ -4,8 +4,8 @@ After the header of the property and its own columns a line `Table_BSDF_Data`, a
 Temperature (K), Wavelength (micrometres), IncAngle and AziAngle (degrees, the light), ScatterBeta, ScatterAzimuth
 (degrees), BRDF and BTDF (1/sr). ScatterBeta is Harvey and Shack's |beta - beta0|, the distance between the projections
 of the scattered and the mirror direction onto the surface; ScatterAzimuth turns about the mirror direction's
-projection, and 0 is taken to point away from the light, along beta0 (the program's manual draws it so; azimuth='0
-towards the normal' of other exports is the option zero='normal'). Places beyond the horizon (|beta| > 1) are padding.
+projection. Where its 0 points, no public description was found to say: it is taken to point away from the light, along
+beta0, and towards the normal with the option zero='normal'. Places beyond the horizon (|beta| > 1) are padding.
 
 Read to a `scattered` table. BTDF is left out, and so are rows of another temperature than the first.
 """
