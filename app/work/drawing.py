@@ -162,8 +162,9 @@ class Drawing:
             _let_go(worker)
         if worker.child is None and not self._here.is_set():
             # one thread: the cores are for look-ups
-            one = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-            worker.child = Child("drawing_process", **one)
+            worker.child = Child(
+                "drawing_process", NUMBA_NUM_THREADS="1", OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1"
+            )
             if self._here.is_set():  # stopped in between
                 worker.child.kill()
         return worker.child

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import NamedTuple
 
@@ -52,8 +53,9 @@ class Expansions:
 
 
 def projection_seconds(channels: int, lmax: int) -> float:
-    """About how long a projection takes: the directions grow with the square of the degree, the sums with its cube."""
-    return 0.045 * channels * (lmax / 32) ** 2.5
+    """About how long a projection takes: its directions and sums grow with the degree, but a small degree of a sharp
+    lobe still takes many directions."""
+    return 0.08 * channels * max(0.5, math.pow(lmax / 32, 2.5))
 
 
 def check_lmax(lmax: int, limit: int) -> None:

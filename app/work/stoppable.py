@@ -1,7 +1,7 @@
 """Work that ends when nobody waits for it any more: in a thread of its own, which can be interrupted.
 
-An exception is sent to the thread, which gets it between two steps of Python: a call of numpy or of a kernel is finished
-first. Where that does not do, at the end of the process, the process ends regardless (`server.process`).
+An exception is sent to the thread, which gets it between two steps of Python: a call of numpy or of a kernel is
+finished first. Where that does not do, at the end of the process, the process ends regardless (`server.process`).
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ T = TypeVar("T")
 _LOOK = 0.2
 
 
-class StoppedError(BaseException):
-    """Nobody waits for this work: not an `Exception`, so that nobody takes it for a failure of the work."""
+class StoppedError(SystemExit):
+    """Nobody waits for this work: not an `Exception`, so that nobody takes it for a failure of the work; and a thread
+    that it reaches at its very end ends in silence."""
 
 
 async def run_stoppable(request: Request, work: Callable[[], T], seats: CapacityLimiter) -> T:
@@ -33,8 +34,11 @@ async def run_stoppable(request: Request, work: Callable[[], T], seats: Capacity
     loop = asyncio.get_running_loop()
     ended: asyncio.Future[T] = loop.create_future()
 
+    seated = [ended]
+
     def tell(result: T | None, error: BaseException | None) -> None:
-        seats.release_on_behalf_of(ended)
+        if seated:  # told twice where it was stopped while it told
+            seats.release_on_behalf_of(seated.pop())
         if ended.done():
             return
         if error is None:
