@@ -37,6 +37,9 @@ class Settings(BaseModel):
     )
     max_lmax: int = Field(64, ge=1, le=256, description="largest degree of an expansion in spherical harmonics")
     max_body_bytes: int = Field(64 * MB, ge=1, description="most bytes of a request body, counted as received")
+    max_held_bytes: int = Field(
+        192 * MB, ge=1, description="most bytes of request bodies held at once, those that still arrive among them"
+    )
     max_json_bytes: int = Field(
         2 * MB, ge=1, description="most bytes of a JSON body of angles or vectors; plain numbers take max_body_bytes"
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import cast
 
 from anyio import CapacityLimiter
+from brdf_service.http.bodies import Room
 from brdf_service.http.metrics import Metrics
 from brdf_service.library.materials import Library
 from brdf_service.library.writing import Writer
@@ -29,6 +30,7 @@ class State:
     drawing: Drawing
     #: Expansions in spherical harmonics that were asked for.
     expansions: Expansions = field(default_factory=Expansions)
+    bodies: Room = field(init=False)
     #: True once the kernels are compiled and one figure was drawn.
     ready: bool = False
     #: True once the process was told to end: what could go on for ever ends then.
@@ -43,6 +45,9 @@ class State:
     listing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2))
     #: Answers of millions of values: each takes all cores and up to some hundred megabytes.
     large: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(2))
+
+    def __post_init__(self) -> None:
+        self.bodies = Room(self.settings.max_held_bytes)
 
 
 def state_of(request: Request) -> State:

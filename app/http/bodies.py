@@ -7,13 +7,33 @@ from collections.abc import AsyncIterator
 
 import numpy as np
 import numpy.typing as npt
-from brdf_service.http.errors import MediaTypeError, SlowBodyError
+from brdf_service.http.errors import BusyError, MediaTypeError, SlowBodyError
 from brdf_service.settings import Settings
 from starlette.requests import ClientDisconnect, Request
+from starlette.types import Scope
 
 import brdfcore as bc
 
 Bytes = npt.NDArray[np.uint8]
+
+
+class Room:
+    """Bytes of bodies that are held at the moment, all requests together. It belongs to the event loop."""
+
+    def __init__(self, most: int) -> None:
+        self.most, self.held = most, 0
+
+    def take(self, scope: Scope, count: int) -> None:
+        """Hold so many bytes more for a request; `BusyError` if there is no room for them."""
+        if self.held + count > self.most:
+            said = f"bodies of {self.held} bytes are held already; the limit is {self.most}; try again later"
+            raise BusyError("bodies_full", said, where="body", limit=self.most, retry_after=2, rest_unread=True)
+        self.held += count
+        scope["brdf.held"] = scope.get("brdf.held", 0) + count
+
+    def release(self, scope: Scope) -> None:
+        """A request has ended."""
+        self.held -= scope.pop("brdf.held", 0)
 
 
 async def read_json_body(request: Request, limit: int, seconds: float) -> bytes:
@@ -69,17 +89,26 @@ async def read_array(request: Request, limit: int, seconds: float) -> Bytes:
     return buffer[:end]
 
 
-async def pieces(request: Request, limit: int, seconds: float) -> AsyncIterator[bytes]:
+async def pieces(request: Request, limit: int, seconds: float, *, held: bool = True) -> AsyncIterator[bytes]:
     """The body piece by piece.
 
-    Raises `LimitError` beyond `limit` bytes, `SlowBodyError` if it has not ended after `seconds`.
+    held  the caller keeps them: they count among those that the service holds, until the request ends.
+
+    Raises `LimitError` beyond `limit` bytes, `SlowBodyError` if it has not ended after `seconds`, `BusyError` if the
+    service holds too many bytes, `MediaTypeError` for a body that is compressed.
     """
+    encoding = request.headers.get("content-encoding", "identity").strip().lower()
+    if encoding not in ("", "identity"):
+        said = "the body must not be compressed; send it without Content-Encoding"
+        got, where = encoding[:80], "Content-Encoding"
+        raise MediaTypeError("encoding_refused", said, where=where, got=got, expected="identity", rest_unread=True)
     announced = _announced(request)
     if announced is not None:
         _check(announced, limit)
     loop = asyncio.get_running_loop()
     deadline = loop.time() + seconds
     receive, count, more = request.receive, 0, True
+    room: Room | None = request.scope["app"].state.brdf.bodies if held else None
     while more:
         try:
             async with asyncio.timeout_at(deadline):
@@ -99,6 +128,8 @@ async def pieces(request: Request, limit: int, seconds: float) -> AsyncIterator[
         count += len(piece)
         _check(count, limit)
         if piece:
+            if room is not None:
+                room.take(request.scope, len(piece))
             yield piece
 
 

@@ -51,6 +51,7 @@ async def metrics(request: Request) -> Response:
     gauges = {
         "brdf_table_bytes": ("bytes of the tables in memory", library.loaded_bytes),
         "brdf_tables_loaded": ("materials in memory", library.loaded),
+        "brdf_body_bytes": ("bytes of request bodies held", state.bodies.held),
         "brdf_jobs_running": ("jobs that run", jobs["running"]),
         "brdf_jobs_waiting": ("jobs that wait", jobs["queued"] + jobs["receiving"]),
         "brdf_ready": ("1 once the kernels are compiled", int(state.ready)),

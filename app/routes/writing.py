@@ -130,7 +130,7 @@ async def upload(request: Request) -> Response:
         path = job.folder / name  # the readers tell the file by this name
         try:
             with path.open("xb") as file:  # nothing of it is kept in memory
-                async for piece in pieces(request, settings.max_upload_bytes, settings.upload_seconds):
+                async for piece in pieces(request, settings.max_upload_bytes, settings.upload_seconds, held=False):
                     await run_sync(file.write, piece)
         except OSError as error:
             raise state.writer.store.failed(error) from error

@@ -92,6 +92,7 @@ class RequestMiddleware:
             route = str(scope.get("brdf.route") or getattr(scope.get("route"), "path", NO_ROUTE))
             seconds = time.perf_counter() - begun
             metrics.running -= 1
+            self.state.bodies.release(scope)
             metrics.request(route, method, status or _GONE, seconds, sent)
             if self.request_log is not None:
                 self.request_log.request(request_id, method, route, status or _GONE, seconds, sent)

@@ -22,6 +22,8 @@ from brdfcore.client.errors import ServiceError
 
 BINARY = "application/octet-stream"
 JSON = "application/json"
+#: Bytes of an answer, unpacked: above any that a request of this client has.
+MOST_ANSWER = 256 * 2**20
 #: dtypes of the wire, little-endian whatever this machine is.
 _WIRE: dict[np.dtype[Any], tuple[str, np.dtype[Any]]] = {
     np.dtype(np.float32): ("f4", np.dtype("<f4")),
@@ -71,7 +73,7 @@ class Answer:
         """The body as JSON; `ServiceError` if it is none."""
         try:
             return json.loads(self.content)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise unexpected(self, "JSON") from error
 
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Coroutine
 from os import PathLike
@@ -15,8 +16,9 @@ from typing import Any, TypeVar
 import httpx2
 
 from brdfcore.base.errors import BrdfError
-from brdfcore.client.calls import Answer, Call, Pause, Read
+from brdfcore.client.calls import MOST_ANSWER, Answer, Call, Pause, Read
 from brdfcore.client.connection import Connection
+from brdfcore.client.deadlines import watch, within
 from brdfcore.client.errors import ServiceError, error_of
 from brdfcore.client.exchanges import Exchange
 from brdfcore.client.retry import Attempts
@@ -111,6 +113,7 @@ class Blocking(Driver):
     def __init__(self, connection: Connection, transport: httpx2.BaseTransport | None = None) -> None:
         super().__init__(connection)
         self._http = httpx2.Client(**connection.options(), transport=transport)
+        watch(self._http)
 
     async def close(self) -> None:
         self._http.close()
@@ -122,11 +125,17 @@ class Blocking(Driver):
         return content_of(file)
 
     async def _once(self, call: Call, attempts: Attempts) -> Answer:
-        parts = []
-        with self._http.stream(**self._request(call, attempts)) as response:
-            for part in response.iter_bytes():
-                parts.append(part)
+        parts, size = [], 0
+        try:
+            with within(attempts.left()), self._http.stream(**self._request(call, attempts)) as response:
+                for part in response.iter_bytes():
+                    parts.append(part)
+                    size = _counted(size, part, call)
+                    attempts.check_time()
+        except httpx2.ReadTimeout:
+            if parts:
                 attempts.check_time()
+            raise
         return _answer(response, parts)
 
 
@@ -147,12 +156,27 @@ class Waiting(Driver):
         return await asyncio.to_thread(content_of, file)
 
     async def _once(self, call: Call, attempts: Attempts) -> Answer:
-        parts = []
-        async with self._http.stream(**self._request(call, attempts)) as response:
-            async for part in response.aiter_bytes():
-                parts.append(part)
+        parts, size, left = [], 0, attempts.left()
+        try:
+            async with asyncio.timeout(None if left == math.inf else max(left, 0)):
+                async with self._http.stream(**self._request(call, attempts)) as response:
+                    async for part in response.aiter_bytes():
+                        parts.append(part)
+                        size = _counted(size, part, call)
+        except TimeoutError as error:
+            if parts:
                 attempts.check_time()
+            raise httpx2.ReadTimeout("the answer was still arriving") from error
         return _answer(response, parts)
+
+
+def _counted(size: int, part: bytes, call: Call) -> int:
+    """Bytes of an answer with this part of it, as they are unpacked; `ServiceError` if they are too many."""
+    size += len(part)
+    if size > MOST_ANSWER:
+        said = f"{call.method} {call.path[:200]}: the answer is larger than {MOST_ANSWER} bytes; is it a service?"
+        raise ServiceError("answer_too_large", said, where=call.path[:200], limit=MOST_ANSWER)
+    return size
 
 
 def _answer(response: httpx2.Response, parts: list[bytes]) -> Answer:

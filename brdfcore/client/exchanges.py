@@ -50,6 +50,7 @@ def checked_name(name: str) -> str:
 def materials() -> Exchange[list[dict[str, Any]]]:
     """Every line of the list, page by page, in order of the names."""
     lines: list[dict[str, Any]] = []
+    seen: set[str] = set()
     call: Call | None = calls.get("materials", query={"limit": 1000})
     while call is not None:
         answer: Answer = yield call
@@ -58,8 +59,11 @@ def materials() -> Exchange[list[dict[str, Any]]]:
             raise calls.unexpected(answer, "a list of materials")
         lines += page["materials"]
         following = page.get("next")
-        if following is not None and not (isinstance(following, str) and following.startswith("/v1/")):
-            raise calls.unexpected(answer, "the path of the next page")
+        if following is not None:
+            # a page that leads back would be asked for without end
+            if not isinstance(following, str) or not following.startswith("/v1/") or following in seen:
+                raise calls.unexpected(answer, "the path of the next page, none that was there before")
+            seen.add(following)
         call = Call("GET", following, {"accept": calls.JSON}) if following else None
     return lines
 

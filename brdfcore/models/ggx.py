@@ -29,13 +29,14 @@ class GGX(Model):
 
     Parameters (a number, or a list of one per channel, unless said otherwise)
     ----------
-    diffuse, specular : >= 0, their sum at most 1 (`InputError`).
+    diffuse, specular : >= 0, so that the albedo at normal incidence is at most 1 (`InputError`). Where it passes 1
+        towards the horizon, `energy_conserving` is False, and `metadata["energy"]` says from which angle on.
     roughness (alias alpha) : alpha in [1e-8, 10], the square of a renderer's perceptual roughness.
     ior, exterior_ior : see `optical_constants.parse_ior`.
     wavelengths : nm, with a named ior: one channel each (`optical_constants.tabulated`).
     correlated : True or False.
 
-    f is reciprocal and conserves energy (single scattering: a rough surface also loses some). Error 1e-12 of f.
+    f is reciprocal and, where the sum of both is at most 1, conserves energy (single scattering: a rough surface also loses some). Error 1e-12 of f.
     Source: T. Trowbridge and K. Reitz, JOSA 65, 1975, doi:10.1364/JOSA.65.000531; B. Walter et al., EGSR 2007,
     doi:10.2312/EGWR/EGSR07/195-206; E. Heitz, JCGT 3(2), 2014, https://jcgt.org/published/0003/02/03.
     """
@@ -75,11 +76,11 @@ class GGX(Model):
         self.channels = channels_of(
             self.name, p["wavelengths"], p["diffuse"], p["specular"], p["roughness"], index, outside
         )
-        lobe.check_sum(self.name, p, self.energy_conserving)
         self._m = lobe.per_channel(p["roughness"])
         self._distribution = microfacet.ggx(self._m)
         self._factor = self._distribution.scale * lobe.per_channel(p["specular"])
         self._base = lobe.per_channel(p["diffuse"]) / np.pi
+        lobe.check_albedo(self)
 
     def _fast_arguments(self) -> FastArguments:
         from brdfcore.kernels.models.microfacet_lobe import microfacet_choices, microfacet_numbers

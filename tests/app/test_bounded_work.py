@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 import json
 import threading
 import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from anyio import CapacityLimiter
 from brdf_service.work.stoppable import run_stoppable
 from starlette.requests import ClientDisconnect, Request
 from starlette.testclient import TestClient
 
-from tests.app.conftest import assert_problem
+from tests.app.conftest import Serve, assert_problem
 
 WIDE = {"model": "lambert", "parameters": {"reflectance": [0.1 + 0.8 * k / 10_000 for k in range(10_000)]}}
 
@@ -91,3 +93,37 @@ def test_work_stops_when_its_client_is_gone() -> None:
     assert state["ended"]
     assert state["steps"] < 500
     assert not [t for t in threading.enumerate() if t.name == "analysis"]
+
+
+def test_bodies_have_one_bound_together(serve: Serve) -> None:
+    client = serve(max_held_bytes=100_000)
+    room = client.app.state.brdf.bodies  # type: ignore[attr-defined]
+    path, octet = "/v1/materials/gold/evaluate", {"content-type": "application/octet-stream"}
+    assert client.post(path, content=np.zeros(900).tobytes(), headers=octet).status_code == 200
+    assert room.held == 0
+    room.held = 99_000  # as others' that still arrive
+    refused = client.post(path, content=np.zeros(900).tobytes(), headers=octet)
+    assert_problem(refused, 503, "bodies_full")
+    assert int(refused.headers["retry-after"]) > 0
+    assert room.held == 99_000
+    room.held = 0
+    assert client.post(path, content=np.zeros(900).tobytes(), headers=octet).status_code == 200
+
+
+@pytest.mark.parametrize("encoding", ["gzip", "deflate, gzip", "br"])
+def test_compressed_bodies_are_refused(shared_client: TestClient, encoding: str) -> None:
+    """Taken for angles they would be answered with nonsense."""
+    body = gzip.compress(np.full(3000, 0.5).tobytes())
+    headers = {"content-type": "application/octet-stream", "content-encoding": encoding}
+    answer = shared_client.post("/v1/materials/gold/evaluate?angles=rad", content=body, headers=headers)
+    assert_problem(answer, 415, "encoding_refused")
+
+
+def test_models_count_for_what_they_weigh(data: Path, serve: Serve) -> None:
+    client = serve(cache_bytes=200_000)
+    for k in range(40):
+        (data / f"m{k}.json").write_text(json.dumps({"model": "lambert", "parameters": {"reflectance": 1 / (k + 1)}}))
+        assert client.get(f"/v1/materials/m{k}").status_code == 200
+    library = client.app.state.brdf.library  # type: ignore[attr-defined]
+    assert library.loaded < 25
+    assert library.loaded_bytes <= 200_000

@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import Parameter
 
 Float64Array = npt.NDArray[np.float64]
 
 DIFFUSE = Parameter("diffuse", "k_d", "reflectance of the diffuse part", 0.0, bounds=(0.0, np.inf))
+#: Degrees of theta_i at which the albedo of a model whose factors pass 1 is looked at.
+ANGLES = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 65.0, 70.0, 75.0, 80.0, 83.0, 85.0, 87.0, 88.0, 89.0)
 SPECULAR = Parameter("specular", "k_s", "factor of the specular lobe", 1.0, bounds=(0.0, np.inf))
 
 
@@ -32,3 +35,25 @@ def check_sum(owner: str, parameters: Mapping[str, Any], energy_conserving: bool
     if energy_conserving:
         raise InputError("bad_parameter", detail, where="specular", got=total, expected="diffuse + specular <= 1")
     warnings.warn(detail, stacklevel=4)  # at the caller of bc.model, or of the class
+
+
+def check_albedo(b: Brdf) -> None:
+    """Hold the albedo of a model with a Fresnel term to 1: a lobe that reflects 4 % leaves room for a diffuse part.
+
+    `InputError` where it passes 1 at normal incidence; where it does so at a larger angle only, the model does not
+    conserve energy, and says from which of `ANGLES` on.
+    """
+    p = b.metadata["parameters"]
+    total = float(np.max(per_channel(p["diffuse"]) + per_channel(p["specular"])))
+    if total <= 1 + 4 * np.finfo(np.float64).eps:
+        return
+    name, slack = b.metadata["model"], 1e-5
+    first = float(b.albedo(0.0).max())
+    if first > 1 + slack:
+        said = f"{name}: diffuse and specular reflect {first:.4g} of the light at normal incidence; expected at most 1"
+        raise InputError("bad_parameter", said, where="specular", got=first, expected="an albedo of at most 1")
+    past = (b.albedo(np.radians(ANGLES)) > 1 + slack).any(axis=1)
+    if past.any():
+        b.energy_conserving = False
+        angle = float(np.array(ANGLES)[past].min())
+        b.metadata["energy"] = f"reflects more light than arrives from theta_i = {angle:g} degrees on"
