@@ -31,6 +31,7 @@ _PUBLIC = {
     "plan": "brdfcore.analysis.plan.plan",
     "report": "brdfcore.reporting.report",
     "model": "brdfcore.base.catalogue",
+    "model_from_json": "brdfcore.base.catalogue",
     "models": None,  # a package that is callable: brdfcore.models()
     "representations": "brdfcore.base.catalogue",
     "formats": None,
@@ -68,6 +69,7 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.base.catalogue import extensions as extensions
     from brdfcore.base.catalogue import formats as formats
     from brdfcore.base.catalogue import model as model
+    from brdfcore.base.catalogue import model_from_json as model_from_json
     from brdfcore.base.catalogue import models as models
     from brdfcore.base.catalogue import representations as representations
     from brdfcore.base.channels import Channels as Channels

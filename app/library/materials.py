@@ -263,7 +263,8 @@ def open_material(name: str, file: File) -> Material:
     else:
         brdf = bc.read(Path(file.path), "model")
         # all that its answers depend on: model, resolved parameters and package version
-        of = {"model": brdf.metadata["model"], "parameters": brdf.metadata["parameters"], "version": bc.__version__}
+        of: dict[str, Any] = {"version": bc.__version__}
+        of |= {key: brdf.metadata[key] for key in ("model", "parameters", "sum") if key in brdf.metadata}
         id, nbytes = _digest(of), 0
     facts = {"name": name, "kind": file.kind, "id": id, "nbytes": nbytes, "error": {}, "source": {}, **brdf.describe()}
     facts["id"] = id

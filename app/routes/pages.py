@@ -160,7 +160,8 @@ def _about(facts: Mapping[str, Any]) -> str:
     if isinstance(metadata.get("about"), str):
         return str(metadata["about"])
     if facts["kind"] == "model":
-        return f"{metadata.get('model')} {json.dumps(metadata.get('parameters'))}"
+        terms = metadata.get("sum", [metadata])
+        return " + ".join(f"{term.get('model', 'sum')} {json.dumps(term.get('parameters'))}" for term in terms)
     source = facts.get("source") or {}
     return f"from {source['name']}" if isinstance(source, dict) and source.get("name") else ""
 

@@ -96,7 +96,7 @@ async def put(request: Request) -> Response:
     _check_table(options, len(model.channels), state.settings)
     async with new_job(state, "tabulate", name, condition) as job:
         await run_sync(state.writer.check, name, condition)
-        await run_sync(state.jobs.submit, job, {**asked.model_dump(exclude={"tabulate"}), "tabulate": options})
+        await run_sync(state.jobs.submit, job, {"model": asked.described, "about": asked.about, "tabulate": options})
     return accepted(state, job)
 
 
@@ -176,14 +176,15 @@ def _put_model(state: State, name: str, model: bc.Brdf, condition: Condition) ->
 
 
 def _make(asked: MaterialModel) -> bc.Brdf:
-    if "name" in asked.parameters:  # would collide with the name of the model
-        raise bc.UnknownNameError("unknown_parameter", "no model has a parameter 'name'", where="name")
+    if (asked.model is None) == (asked.sum is None) or (asked.sum is not None and asked.parameters):
+        said = f"model: expected a name with its parameters, or 'sum', a list of those, for example {_EXAMPLE}"
+        raise bc.InputError("field_missing", said, where="model", expected="model or sum")
     try:
-        model = bc.model(asked.model, **asked.parameters)
+        model = bc.model_from_json(asked.described)
     except bc.BrdfError:
         raise
     except (TypeError, ValueError, ArithmeticError) as error:  # a value of a kind that no model thought of
-        said = f"{asked.model}: the parameters cannot be used"
+        said = f"{asked.model or 'sum'}: the parameters cannot be used"
         raise bc.InputError("bad_parameter", said, where="parameters") from error
     if asked.about:
         model.metadata["about"] = asked.about

@@ -58,13 +58,26 @@ class TabulateOptions(Strict):
     view: Range | None = Field(None, description="the same of theta_o")
 
 
-class MaterialModel(Strict):
-    """A model and its parameters."""
+class ModelTerm(Strict):
+    """One model of a sum."""
 
     model: str = Field(max_length=64, description="name of a model", examples=["cook_torrance"])
     parameters: dict[str, Any] = Field({}, examples=[{"roughness": 0.2, "ior": "gold"}])
+
+
+class MaterialModel(Strict):
+    """A model and its parameters, or a sum of models."""
+
+    model: str | None = Field(None, max_length=64, description="name of a model", examples=["cook_torrance"])
+    parameters: dict[str, Any] = Field({}, examples=[{"roughness": 0.2, "ior": "gold"}])
+    sum: list[ModelTerm] | None = Field(None, min_length=1, max_length=8, description="models, instead of one")
     about: str = Field("", max_length=1000, description="a sentence for people")
     tabulate: TabulateOptions | None = Field(None, description="store a table of it instead of the model itself")
+
+    @property
+    def described(self) -> dict[str, Any]:
+        """As `brdfcore.model_from_json` takes it."""
+        return self.model_dump(include={"sum"} if self.sum is not None else {"model", "parameters"})
 
 
 class ParetoRequest(Strict):

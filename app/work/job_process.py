@@ -46,14 +46,14 @@ def _material(task: dict[str, Any], progress: Callable[[int, int, str], None]) -
     """Make a material's file; its suffix."""
     options, result = task["tabulate"], Path(task["result"])
     if "model" in task:
-        b = bc.model(task["model"], **task["parameters"])
+        b = bc.model_from_json(task["model"])
     else:
         progress(0, 1, "reading")
         b = bc.read(task["input"], task["format"], **task["options"])
     if task.get("about"):
         b.metadata["about"] = task["about"]
     if options is None and not isinstance(b, bc.Table):
-        if "model" in b.metadata and b.report.get("format") == "model":
+        if b.report.get("format") == "model":
             bc.write(b, result, "model")  # an analytic model stays one, and exact
             return ".json"
         options = {}

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from brdfcore.base.brdf import Brdf
+from brdfcore.base.errors import InputError, UnknownNameError
 from brdfcore.base.parameters import Parameter
 from brdfcore.base.registry import FORMATS, MODELS, REPRESENTATIONS, Registry
+
+#: Models of one sum.
+MOST_TERMS = 8
 
 
 def model(name: str, /, **parameters: Any) -> Brdf:
@@ -22,6 +27,35 @@ def model(name: str, /, **parameters: Any) -> Brdf:
     array([1.])
     """
     made: Brdf = MODELS.load(name)(**parameters)
+    return made
+
+
+def model_from_json(content: Mapping[str, Any]) -> Brdf:
+    """The model of `{"model": NAME, "parameters": {...}}`, or the sum of those in `{"sum": [{...}, ...]}`.
+
+    Raises `InputError` for another form and for more than `MOST_TERMS` terms, and what `model` raises.
+
+    >>> b = bc.model_from_json({"sum": [{"model": "lambert", "parameters": {"reflectance": 0.5}}, {"model": "mirror"}]})
+    >>> b.evaluate(0.3, 0.2, 3.0)  # 0.5/pi
+    array([0.15915494])
+    """
+    terms = content.get("sum", [content])
+    if not isinstance(terms, (list, tuple)) or not 1 <= len(terms) <= MOST_TERMS:
+        said = f"sum: expected a list of 1 to {MOST_TERMS} models"
+        raise InputError("bad_model", said, where="sum", expected="a list of models")
+    made: Brdf | None = None
+    for term in terms:
+        name, parameters = (term.get("model"), term.get("parameters", {})) if isinstance(term, Mapping) else (None, {})
+        if not isinstance(name, str) or not isinstance(parameters, Mapping):
+            said = 'expected an object {"model": NAME, "parameters": {...}}'
+            raise InputError("bad_model", said, where="model", expected='{"model": NAME, "parameters": {...}}')
+        for clash in ("name", "self"):  # would collide with arguments of `model` and of the class
+            if clash in parameters:
+                said = f"no model has a parameter {clash!r}"
+                raise UnknownNameError("unknown_parameter", said, where=clash)
+        one = model(name, **parameters)
+        made = one if made is None else made + one
+    assert made is not None
     return made
 
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+import signal
 import sys
-from collections.abc import Iterable, Sequence
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,9 +18,9 @@ import numpy.typing as npt
 import typer
 
 from brdfcore.base.brdf import Brdf
-from brdfcore.base.catalogue import model
+from brdfcore.base.catalogue import model, model_from_json
 from brdfcore.base.conventions import ANGLE_NAMES, FloatArray, to_radians
-from brdfcore.base.errors import FileFormatError, InputError, StorageError
+from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError
 from brdfcore.base.parameters import Parameter
 from brdfcore.base.registry import MODELS
 from brdfcore.names import AngleUnit
@@ -29,18 +33,24 @@ GRAMMAR = """A SOURCE is a file (a measured file or a table, told apart by its c
   NAME                              cook_torrance
   NAME:parameter=value,...          cook_torrance:roughness=0.1,ior=gold
   a list, one value per channel     lambert:reflectance=[0.8,0.2,0.1]
+  a sum of models                   lambert:reflectance=0.3+ggx:roughness=0.2,ior=1.5
   n + ik                            cook_torrance:ior=(0.37,2.82)
   FILE:option=value,...             paint.csv:angles=deg,value=[R,G,B]
 
 A file's options are those of its format (brdf models --all).
 A model's name wins over a file of that name: write ./NAME for the file. Quote brackets for the shell."""
 
+#: Variable that bounds the reading of one SOURCE, seconds.
+READ_SECONDS = "BRDF_READ_SECONDS"
 _DEEPEST = 8
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "ki": 2**10, "mi": 2**20, "gi": 2**30}
 
 
 def load(source: str, format: str | None = None) -> Brdf:
     """The `Brdf` that a SOURCE names; see `GRAMMAR`."""
+    terms = _terms(source) if format is None else [source]
+    if len(terms) > 1:
+        return model_from_json({"sum": [_term(term) for term in terms]})
     name, colon, rest = source.partition(":")
     if format is None and name in MODELS:
         return model(name, **_parameters(source, rest))
@@ -50,16 +60,57 @@ def load(source: str, format: str | None = None) -> Brdf:
 
         if path.is_dir():
             raise StorageError("cannot_open", f"{source}: is a folder, not a file", where=source)
-        if options:
-            format = format or io.sniff(path)
-            return io.read(path, format, **given(source, options, io.read_options(format)))
-        return io.read(path, format)
+        with _bounded(source):
+            if options:
+                format = format or io.sniff(path)
+                return io.read(path, format, **given(source, options, io.read_options(format)))
+            return io.read(path, format)
     if colon and re.fullmatch(r"\w+", name) and "=" in rest:
         MODELS.load(name)  # raises, with the close names
     if format is not None or "/" in source or "\\" in source or path.suffix:
         raise StorageError("cannot_open", f"{source}: no such file", where=source)
     MODELS.load(source if not colon else name)  # raises, with the close names
     raise StorageError("cannot_open", f"{source}: no such file or model", where=source)
+
+
+@contextmanager
+def _bounded(source: str) -> Iterator[None]:
+    """`LimitError` if the block takes longer than BRDF_READ_SECONDS: a slip in a file may turn seconds into minutes."""
+    text = os.environ.get(READ_SECONDS) or "900"
+    try:
+        seconds = float(text)
+        if not 0 < seconds < 1e9:
+            raise ValueError
+    except ValueError:
+        expected = "seconds > 0"
+        said = f"{READ_SECONDS} = {text[:80]!r}: expected {expected}"
+        raise InputError("bad_setting", said, where=READ_SECONDS, got=text[:80], expected=expected) from None
+
+    def over(*_: Any) -> None:
+        said = f"{source}: not read within {seconds:g} s; the variable {READ_SECONDS} allows more"
+        raise LimitError("read_too_long", said, where=source, limit=seconds)
+
+    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, over)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _terms(source: str) -> list[str]:
+    """The models of NAME:...+NAME:..., in their order; one where there is no sum of models."""
+    parts = re.split(r"\+(?=[A-Za-z_]\w*(?:[:+]|$))", source)
+    return parts if all(part.partition(":")[0] in MODELS for part in parts) else [source]
+
+
+def _term(term: str) -> dict[str, Any]:
+    name, _, rest = term.partition(":")
+    return {"model": name, "parameters": _parameters(term, rest)}
 
 
 def file_of(source: str) -> tuple[Path, str]:

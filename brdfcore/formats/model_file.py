@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from brdfcore.base.atomic import write_file
-from brdfcore.base.brdf import Brdf
-from brdfcore.base.catalogue import model
+from brdfcore.base.brdf import Brdf, Sum
+from brdfcore.base.catalogue import model_from_json
 from brdfcore.base.errors import BrdfError, FileFormatError, InputError, StorageError
 from brdfcore.base.parameters import resolve
 from brdfcore.formats.base.format import Format
@@ -21,7 +21,8 @@ _KEYS = {"model", "parameters", "about"}
 
 
 class ModelFormat(Format):
-    """JSON object with `model` (a registry name), `parameters` (an object) and, optionally, `about` (a sentence).
+    """JSON object with `model` (a registry name) and `parameters` (an object), or with `sum`, a list of such objects;
+    optionally, `about` (a sentence).
 
     Read to the model itself, evaluated exactly; never tabulated on the way.
     """
@@ -32,7 +33,7 @@ class ModelFormat(Format):
     writable = True
 
     def sniff(self, head: bytes) -> bool:
-        return head.lstrip()[:1] == b"{" and _own_key(head, b'"model"')
+        return head.lstrip()[:1] == b"{" and any(_own_key(head, key) for key in (b'"model"', b'"sum"'))
 
     def read(self, path: Path, **options: Any) -> Brdf:
         resolve("format 'model'", self.PARAMETERS, options)
@@ -47,17 +48,14 @@ class ModelFormat(Format):
             content = json.loads(raw)
         except (ValueError, RecursionError) as error:
             raise _bad(path, f"not JSON ({error})", offset=getattr(error, "pos", 0)) from error
-        if not isinstance(content, dict) or not isinstance(content.get("model"), str):
-            raise _bad(path, 'expected an object {"model": NAME, "parameters": {...}}')
-        parameters, about = content.get("parameters", {}), content.get("about", "")
-        unknown = sorted(set(content) - _KEYS)
-        if unknown or not isinstance(parameters, dict) or not isinstance(about, str):
+        if not isinstance(content, dict) or ("model" in content) == ("sum" in content):
+            raise _bad(path, 'expected an object {"model": NAME, "parameters": {...}}, or {"sum": [those, ...]}')
+        about = content.get("about", "")
+        unknown = sorted(set(content) - (_KEYS if "model" in content else {"sum", "about"}))
+        if unknown or not isinstance(about, str):
             raise _bad(path, f"expected 'model', an object 'parameters' and a text 'about'; unknown: {unknown!r:.100}")
-        for clash in ("name", "self"):  # would collide with arguments of `model` and of the class
-            if clash in parameters:
-                raise _bad(path, f"no model has a parameter {clash!r}")
         try:
-            brdf = model(content["model"], **parameters)
+            brdf = model_from_json(content)
         except BrdfError as error:
             context = {**error.context, "file": path.name}
             raise FileFormatError(error.code, f"{path.name}: {error.detail}", **context) from error
@@ -69,24 +67,35 @@ class ModelFormat(Format):
             "sha256": hashlib.sha256(raw).hexdigest(),
             "bytes": len(raw),
             "conventions": {},
-            "found": {"model": content["model"], "parameters": parameters},
+            "found": {key: content[key] for key in ("model", "parameters", "sum") if key in content},
             "done": [],
             "warnings": [],
         }
         return brdf
 
     def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
-        if not isinstance(brdf, Model):  # a table of a model carries its metadata, but answers differently
+        terms = _terms(brdf)
+        if terms is None:  # a table of a model carries its metadata, but answers differently
             raise InputError(
                 "not_a_model",
-                "only an analytic model can be written as a model file; save others as a table",
+                "only an analytic model, or a sum of them, can be written as a model file; save others as a table",
                 where="brdf",
                 got=type(brdf).__name__,
                 expected="a model",
             )
-        keys = {key: brdf.metadata[key] for key in ("model", "parameters", "about") if key in brdf.metadata}
+        keys = terms[0] if len(terms) == 1 else {"sum": terms}
+        if "about" in brdf.metadata:
+            keys["about"] = brdf.metadata["about"]
         text = json.dumps(keys, indent=1, allow_nan=False) + "\n"
         return write_file(path, text.encode(), self.read)
+
+
+def _terms(brdf: Brdf) -> list[dict[str, Any]] | None:
+    """Name and parameters of a model, or of each model of a sum; None if it is anything else."""
+    if isinstance(brdf, Sum):
+        parts = [_terms(part) for part in brdf.parts]
+        return None if any(p is None for p in parts) else [term for p in parts for term in p or ()]
+    return [{key: brdf.metadata[key] for key in ("model", "parameters")}] if isinstance(brdf, Model) else None
 
 
 def _bad(path: Path, what: str, offset: int = 0) -> FileFormatError:

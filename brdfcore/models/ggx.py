@@ -36,7 +36,8 @@ class GGX(Model):
     wavelengths : nm, with a named ior: one channel each (`optical_constants.tabulated`).
     correlated : True or False.
 
-    f is reciprocal and, where the sum of both is at most 1, conserves energy (single scattering: a rough surface also loses some). Error 1e-12 of f.
+    f is reciprocal and, where diffuse + specular is at most 1, conserves energy (single scattering: a rough surface
+    also loses some). Error 1e-12 of f.
     Source: T. Trowbridge and K. Reitz, JOSA 65, 1975, doi:10.1364/JOSA.65.000531; B. Walter et al., EGSR 2007,
     doi:10.2312/EGWR/EGSR07/195-206; E. Heitz, JCGT 3(2), 2014, https://jcgt.org/published/0003/02/03.
     """

@@ -340,3 +340,23 @@ def test_a_folder_that_cannot_be_written(client: TestClient, data: Path, monkeyp
     ):
         content = assert_problem(answer, 503, "data_folder")
         assert str(data) not in json.dumps(content)
+
+
+def test_a_sum_of_models(client: TestClient, data: Path) -> None:
+    terms = [
+        {"model": "lambert", "parameters": {"reflectance": 0.3}},
+        {"model": "ggx", "parameters": {"roughness": 0.2}},
+    ]
+    made = client.put("/v1/materials/both", json={"sum": terms})
+    assert made.status_code == 201, made.text
+    MaterialLine.model_validate_json(made.content)
+    wanted = bc.model("lambert", reflectance=0.3) + bc.model("ggx", roughness=0.2)
+    value = float(wanted.evaluate(*np.radians([30.0, 30.0, 180.0]))[0])
+    assert client.get(f"/v1/materials/both/{VALUE}").json()["values"] == [[value]]
+    assert "lambert" in client.get("/materials/both").text
+    other = client.put("/v1/materials/other", json={"sum": [*terms[:1], {"model": "ggx"}]})
+    assert other.json()["id"] != made.json()["id"]
+    answer = client.put("/v1/materials/table", json={"sum": terms, "tabulate": {"shape": [4, 4, 5]}})
+    assert ended(client, answer)["state"] == "done"
+    for bad in ({"sum": []}, {"sum": terms, "model": "lambert"}, {"sum": terms * 5}, {"sum": [{"model": "x"}]}):
+        assert client.put("/v1/materials/bad", json=bad).status_code == 422, bad

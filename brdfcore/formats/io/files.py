@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -122,9 +123,14 @@ def _format(name: str) -> Format:
 
 def _head(path: Path) -> bytes:
     try:
+        if not stat.S_ISREG(path.stat().st_mode):  # to open a FIFO would wait for ever
+            said = f"{path}: is {'a folder' if path.is_dir() else 'no regular file'}; save what it holds as a file"
+            raise StorageError("cannot_open", said, where=str(path), got="no regular file")
         with path.open("rb") as file:
             return file.read(_HEAD)
     except OSError as error:
+        if isinstance(error, StorageError):
+            raise
         raise StorageError(
             "cannot_open", f"{path}: {error.strerror or error}", where=str(path), got=error.strerror
         ) from error

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
@@ -35,6 +36,9 @@ Float64Array = npt.NDArray[np.float64]
 NAME_END = "_brdf.xompt"
 #: Largest file read: 5 million rows; reading takes about six times a file's size.
 MAX_BYTES = 256_000_000
+#: Distance, rad in theta_i, theta_o and delta_phi, within which a row counts as the node of a declared grid, and the
+#: share of rows that may lie farther off: a slip in a row or two must not turn a grid into scattered points.
+_NEAR_NODE, _MOST_ODD = 1e-4, 1e-3
 #: Most wavelengths: a nanometre step over the optical range, and far beyond any file.
 _MOST_CHANNELS = 4_096
 #: The standard's own limits of each column, rounded as its schema rounds pi.
@@ -236,19 +240,17 @@ class _Reader:
             expected = "ascending theta_i, azimuth, radial"
             raise bad(self.file, f"{KEY}.grid", 0, "is no grid", repr(grid)[:60], expected) from error
         cells, directions = node_rows(*nodes, bilateral=bilateral)
-        _, place = np.unique(np.concatenate([directions, angles]), axis=0, return_inverse=True)
-        place = place.reshape(-1)
-        node_of = np.full(place.max() + 1, -1)
-        node_of[place[: len(directions)]] = np.arange(len(directions))
-        at = node_of[place[len(directions) :]]
-        if (at < 0).any():
-            self.warnings.append(
-                f"{int((at < 0).sum())} geometries are no nodes of the grid that {KEY} declares: it is left aside"
-            )
+        away, at = map(np.asarray, cKDTree(directions).query(angles, distance_upper_bound=_NEAR_NODE))
+        odd = int((~np.isfinite(away)).sum())
+        if odd > _MOST_ODD * len(angles):
+            self.warnings.append(f"{odd} geometries are no nodes of the grid that {KEY} declares: it is left aside")
             return None
+        if odd:
+            text = f"{odd} of {len(angles)} geometries are left aside: they are farther than {_NEAR_NODE:g} rad from"
+            self.warnings.append(f"{text} every node of the grid that {KEY} declares")
         full = np.full((*sizes, len(channels)), np.nan)
         listed = np.full((len(directions), len(channels)), np.nan)
-        listed[at] = values
+        listed[at[np.isfinite(away)]] = values[np.isfinite(away)]
         k, a, r = cells
         full[k, a, r] = listed
         # one row stands for all azimuths at the mirror direction, and at theta_i = 0

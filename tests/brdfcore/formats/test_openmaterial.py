@@ -219,3 +219,26 @@ def test_another_name_than_the_standard_s_is_told(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         bc.write(specular(), tmp_path / "paint_brdf.xompt")
+
+
+def test_a_slip_in_a_row_leaves_the_grid(tmp_path: Path) -> None:
+    """Near a node is at the node; a row that is none is left aside with a warning; many make scattered points."""
+    table = bc.tabulate(bc.model("phong", specular=0.5, exponent=5), "specular_grid", shape=(8, 10, 20))
+    path = tmp_path / "a_brdf.xompt"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        bc.write(table, path)
+    whole = bc.read(path)
+    slipped = json.loads(path.read_text())
+    rows = slipped["brdf"]["lookupTable"]
+    row = rows[len(rows) // 2]
+    row[2] += 3e-5
+    path.write_text(json.dumps(slipped))
+    near = bc.read(path)
+    assert type(near) is type(whole)
+    assert np.array_equal(near.evaluate(0.3, 0.2, 3.0), whole.evaluate(0.3, 0.2, 3.0))
+    row[2] = abs(row[2] - 0.01)
+    path.write_text(json.dumps(slipped))
+    odd = bc.read(path)
+    assert type(odd) is type(whole)
+    assert any("1 of" in w and "left aside" in w for w in odd.report["warnings"])

@@ -19,6 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import brdfcore as bc
 from brdfcore.base.channels import RGB
 from brdfcore.base.errors import InputError, MissingExtraError, UnknownNameError
 from brdfcore.models.base import microfacet
@@ -390,3 +391,18 @@ def test_vectors_are_reciprocal_and_non_negative(
     assert np.isfinite(value).all()
     assert (value >= 0).all()
     assert value == model.evaluate_vectors(wo, wi)
+
+
+def test_a_ggx_lobe_leaves_room_for_a_diffuse_part() -> None:
+    """A dielectric reflects 4 % at the normal: what it leaves is the diffuse part's, with the angle where it ends."""
+    b = bc.model("ggx", diffuse=0.4, ior=1.5)
+    assert b.energy_conserving
+    assert "energy" not in b.metadata
+    past = bc.model("ggx", diffuse=0.9, ior=1.5)
+    assert not past.energy_conserving
+    angle = float(past.metadata["energy"].split("theta_i = ")[1].split()[0])
+    below, above = past.albedo(np.radians([angle - 10, angle]))[:, 0]
+    assert below <= 1 + 1e-5 < above
+    for more in ({"diffuse": 0.99, "ior": 1.5}, {"diffuse": 0.2}, {"diffuse": 0.8, "specular": 8.0, "ior": 1.5}):
+        with pytest.raises(bc.InputError, match="normal incidence"):
+            bc.model("ggx", **more)
