@@ -69,6 +69,7 @@ def check_brdf(b: Brdf, *, steps: bool = False) -> None:
     check_float32(b, differing=0.05 if steps else 0.01)
     check_domain(b)
     check_vectors(b, differing=0.05 if steps else 0.0)
+    check_uncertainty(b)
     check_claims(b)
 
 
@@ -172,6 +173,29 @@ def check_domain(b: Brdf) -> None:
     assert np.allclose(turned, turned[0], rtol=1e-6, atol=1e-9), "delta_phi is not periodic"
 
 
+def check_uncertainty(b: Brdf) -> None:
+    """Half-widths of the shape and dtype of the values, finite, not negative, the same bits alone and in a batch;
+    angles outside are what they are to `evaluate`."""
+    angles = sample_angles(48)
+    for dtype in (np.float64, np.float32):
+        given = [x.astype(dtype) for x in angles]
+        widths = b.uncertainty(*given)
+        assert widths.shape == b.evaluate(*given).shape, widths.shape
+        assert widths.dtype == dtype, widths.dtype
+        assert np.isfinite(widths).all(), f"not finite at {np.argwhere(~np.isfinite(widths))[:3].tolist()}"
+        assert (widths >= 0).all(), f"negative at {np.argwhere(widths < 0)[:3].tolist()}"
+        for k in (0, 17, 48):
+            assert _same(b.uncertainty(*(x[k] for x in given)), widths[k]), f"alone it differs at {k}"
+    grid = b.uncertainty(angles[0][:3, None], angles[1][None, :4], 1.0)
+    assert grid.shape == (3, 4, len(b.channels)), grid.shape
+    bad = angles[0].copy()
+    bad[3] = 2.0
+    _refused(lambda: b.uncertainty(bad, *angles[1:]), "theta_i")
+    marked = b.uncertainty(bad, *angles[1:], outside="nan")
+    assert np.isnan(marked[3]).all(), marked[3]
+    assert np.isfinite(np.delete(marked, 3, axis=0)).all()
+
+
 def check_vectors(b: Brdf, *, differing: float = 0.0) -> None:
     """From vectors as from angles, but for a part `differing`; exactly 0 at and below the horizon; any length; zero
     and NaN refused."""
@@ -229,6 +253,7 @@ def check_table(table: Table, folder: Path) -> None:
     opened = open_table(path)
     assert opened.id == table.id
     assert _same(opened.evaluate(*angles), values), "a stored table answers differently"
+    assert _same(opened.uncertainty(*angles), table.uncertainty(*angles)), "a stored table's uncertainty differs"
     assert (opened.flags, opened.channels, opened.error) == (table.flags, table.channels, table.error)
     assert (opened.source, opened.report, opened.metadata) == (table.source, table.report, table.metadata)
     check_pickle(table)

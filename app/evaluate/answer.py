@@ -1,7 +1,9 @@
 """Values into the answer that was asked for: JSON, plain numbers or .npy, with or without the status of each point.
 
-octet-stream   values[point][channel], little-endian, C order; with status=true one byte a point follows.
-.npy           an array of shape (points, channels); with status=true a second .npy of the status follows it.
+octet-stream   values[point][channel], little-endian, C order; with status=true one byte a point follows, with
+               uncertainty=true half-widths[point][channel] in the type of the values after that.
+.npy           an array of shape (points, channels); with status=true a .npy of the status follows it, with
+               uncertainty=true one of the half-widths after that.
 Both say the rest in headers: X-Brdf-Angles, -Dtype, -Shape, -Channels, -Id, -Error, -Has-Delta.
 """
 
@@ -37,6 +39,13 @@ class Evaluated(NamedTuple):
     seconds: float
 
 
+class Beside(NamedTuple):
+    """What is asked for beside the values."""
+
+    status: bool = False
+    uncertainty: bool = False
+
+
 class PlainResponse(Response):
     """A 200 answer of two messages and lower-case headers: the framework's own class costs as much as a look-up."""
 
@@ -51,7 +60,7 @@ class PlainResponse(Response):
 
 
 def answer(
-    material: Material, asked: Directions, points: int, kind: Kind, status: bool, *, inline: bool, lasting: bool
+    material: Material, asked: Directions, points: int, kind: Kind, beside: Beside, *, inline: bool, lasting: bool
 ) -> Evaluated:
     """f_r at the directions. Raises `InputError` in the request's own unit and index.
 
@@ -60,14 +69,17 @@ def answer(
     """
     try:
         if kind != "json":
-            return _numbers(material, asked, points, kind, status, inline, lasting)
+            return _numbers(material, asked, points, kind, beside, inline, lasting)
         begun = time.perf_counter()
         values = _evaluated(material.brdf, asked, points, None, inline)
         seconds = time.perf_counter() - begun
         extra = b""
-        if status:
+        if beside.status:
             codes = array_to_json(asked.status(material.brdf).reshape(-1))
             extra = b'"status":%b,"status_names":%b,' % (codes, to_json(STATUS_NAMES))
+        if beside.uncertainty:
+            widths = asked.uncertainty(material.brdf)
+            extra += b'"uncertainty":%b,' % array_to_json(widths.reshape(-1, widths.shape[-1]))
         rest = material.parts.get((asked.unit, lasting)) or _rest(material, asked, lasting)
         # floats are written by their shortest text, so that they read back to the same bits
         rows = array_to_json(values.reshape(-1, values.shape[-1]))
@@ -112,16 +124,21 @@ def _evaluated(brdf: bc.Brdf, asked: Directions, points: int, out: Array | None,
 
 
 def _numbers(
-    material: Material, asked: Directions, points: int, kind: Kind, status: bool, inline: bool, lasting: bool
+    material: Material, asked: Directions, points: int, kind: Kind, beside: Beside, inline: bool, lasting: bool
 ) -> Evaluated:
     brdf = material.brdf
     shape, dtype = (points, len(brdf.channels)), np.result_type(*asked.lists)
     precision = "f4" if dtype == np.float32 else "f8"
     head = npy_head(shape, f"<{precision}") if kind == "npy" else b""
-    tail = npy_head(shape[:1], "|u1") if kind == "npy" and status else b""
     end = len(head) + shape[0] * shape[1] * dtype.itemsize
+    more = b""
+    if beside.status:
+        more += npy_head(shape[:1], "|u1") if kind == "npy" else b""
+        more += asked.status(brdf).tobytes()
+    if beside.uncertainty:
+        more += head + asked.uncertainty(brdf).astype(dtype.newbyteorder("<"), copy=False).tobytes()
     # one buffer for the whole body: the kernels write where the server reads. Heads are multiples of 64 bytes
-    body = np.empty(end + len(tail) + (points if status else 0), np.uint8)
+    body = np.empty(end + len(more), np.uint8)
     body[: len(head)] = np.frombuffer(head, np.uint8)
     values = body[len(head) : end].view(dtype).reshape(shape)
     # scalars broadcast to one point, whose result has no axis of points
@@ -131,9 +148,7 @@ def _numbers(
     seconds = time.perf_counter() - begun
     if not np.little_endian:
         values.byteswap(inplace=True)
-    if status:
-        body[end : end + len(tail)] = np.frombuffer(tail, np.uint8)
-        body[end + len(tail) :] = asked.status(brdf).reshape(-1)
+    body[end:] = np.frombuffer(more, np.uint8)
     error = {k: v for k, v in _error_in_short(material).items() if k != "warnings"}
     headers = {  # JSON in ASCII, so that no name can break out
         **({} if asked.unit is None else {"x-brdf-angles": asked.unit}),

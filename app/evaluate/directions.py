@@ -3,6 +3,7 @@ request's own unit and index."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +44,10 @@ class Angles(NamedTuple):
     def status(self, brdf: bc.Brdf) -> npt.NDArray[np.uint8]:
         """Where each value comes from."""
         return brdf.status(*self.radians())
+
+    def uncertainty(self, brdf: bc.Brdf) -> Array:
+        """Half-widths of 95 % intervals."""
+        return brdf.uncertainty(*self.radians(), outside=self.outside)
 
     def part(self, start: int, stop: int) -> Angles:
         """Points start to stop of lists that have one value or as many as there are points."""
@@ -97,6 +102,10 @@ class Vectors(NamedTuple):
         """Refused by `no_angle_options`."""
         raise NotImplementedError
 
+    def uncertainty(self, brdf: bc.Brdf) -> Array:
+        """Refused by `no_angle_options`."""
+        raise NotImplementedError
+
     def part(self, start: int, stop: int) -> Vectors:
         """Points start to stop of lists that have one direction or as many as there are points."""
         a, b = (x[start:stop] if x.size > 3 else x for x in self)
@@ -128,15 +137,15 @@ def count_points(asked: Directions, channels: int, settings: Settings) -> int:
     return points
 
 
-def no_angle_options(unit: Unit | None, outside: Outside, status: bool) -> None:
+def no_angle_options(unit: Unit | None, outside: Outside, beside: Mapping[str, bool]) -> None:
     """`InputError` for an option that vectors have no use for: it would be ignored in silence."""
-    given = "angles" if unit is not None else "outside" if outside != "raise" else "status" if status else None
+    asked = {"angles": unit is not None, "outside": outside != "raise", **beside}
+    given = next((name for name, is_asked in asked.items() if is_asked), None)
     if given is not None:
         why = {
             "angles": "vectors have no unit of angle",
             "outside": "a vector below the horizon has the value 0",
-            "status": "status is given for angles only",
-        }[given]
+        }.get(given, f"{given} is given for angles only")
         said = f"{given} goes with angles, not with wi and wo: {why}; leave it out"
         raise bc.InputError("options_exclude", said, where=given, expected=f"no {given}")
 

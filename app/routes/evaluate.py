@@ -6,7 +6,7 @@ from functools import partial
 from typing import Literal
 
 from anyio.to_thread import run_sync
-from brdf_service.evaluate.answer import INLINE_VALUES, PlainResponse, answer
+from brdf_service.evaluate.answer import INLINE_VALUES, Beside, PlainResponse, answer
 from brdf_service.evaluate.binary_body import Precision, directions_from_npy, directions_from_octets
 from brdf_service.evaluate.directions import (
     Angles,
@@ -36,7 +36,11 @@ _INLINE_BODY = 128 * 1024
 _LARGE_VALUES = 250_000
 _STATUS = Field(
     False,
-    description="true: say for each point whether its value is measured, interpolated, extrapolated, filled or outside",
+    description="true: say for each point whether its value is measured, interpolated, extrapolated, filled, outside "
+    "or smoothed",
+)
+_UNCERTAINTY = Field(
+    False, description="true: give beside each value the half-width of its 95 % interval, 1/sr; 0 for a formula"
 )
 
 
@@ -49,6 +53,7 @@ class EvaluateQuery(Query):
     angles: Unit = ANGLES
     outside: Outside = OUTSIDE
     status: Flag = _STATUS
+    uncertainty: Flag = _UNCERTAINTY
 
 
 class EvaluateOptions(Query):
@@ -67,6 +72,7 @@ class EvaluateOptions(Query):
     )
     outside: Outside = OUTSIDE
     status: Flag = _STATUS
+    uncertainty: Flag = _UNCERTAINTY
 
 
 async def evaluate(request: Request, address: Address) -> Response:
@@ -76,7 +82,8 @@ async def evaluate(request: Request, address: Address) -> Response:
     asked: Directions
     if request.scope["method"] == "GET":
         query = parse_query(text, EvaluateQuery)
-        asked, status = Angles(query.theta_i, query.theta_o, query.delta_phi, query.angles, query.outside), query.status
+        asked = Angles(query.theta_i, query.theta_o, query.delta_phi, query.angles, query.outside)
+        beside = Beside(query.status, query.uncertainty)
         kind = kind_of_answer(request.headers, "json")
         material, lasting = await address.find(request)
         headers = material_headers(request, material.id, material.tag, lasting, MEDIA_TYPES[kind])
@@ -88,17 +95,18 @@ async def evaluate(request: Request, address: Address) -> Response:
             return unchanged
     else:
         options, sent = parse_query(text, EvaluateOptions), kind_of_body(request.headers)
-        kind, status, lasting = kind_of_answer(request.headers, sent), options.status, False
+        kind, lasting = kind_of_answer(request.headers, sent), False
+        beside = Beside(options.status, options.uncertainty)
         material, _ = await address.find(request)
         asked, headers = await _body(request, sent, options, state), {"cache-control": "no-store"}
         if isinstance(asked, Vectors):
-            no_angle_options(options.angles, options.outside, status)
+            no_angle_options(options.angles, options.outside, beside._asdict())
     channels = len(material.brdf.channels)
     points = count_points(asked, channels, state.settings)
-    values = points * channels
+    values = points * channels * (2 if beside.uncertainty else 1)
     # before it is ready a kernel may have to be compiled first
     inline = values <= INLINE_VALUES[material.facts["kind"]] and state.ready
-    answering = partial(answer, material, asked, points, kind, status, inline=inline, lasting=lasting)
+    answering = partial(answer, material, asked, points, kind, beside, inline=inline, lasting=lasting)
     limiter = state.large if values > _LARGE_VALUES else state.working
     made = answering() if inline else await run_sync(answering, limiter=limiter)
     state.metrics.lookups += points
@@ -175,7 +183,9 @@ def _add(address: Address) -> None:
         "a .npy file of shape (3, n). Vectors instead of angles: the JSON fields wi and wo, or with input=vectors two "
         "C-order blocks wi and wo of (n, 3) numbers, or a .npy file of shape (2, n, 3). The Accept header picks the "
         "kind of the answer, by default the body's own: JSON; an octet-stream of values[point][channel]; or a .npy "
-        "file. With status=true one byte a point follows the values, or a second .npy. The headers X-Brdf-Shape, "
+        "file. With status=true one byte a point follows the values, or a .npy of them; with uncertainty=true the half-"
+        "widths "
+        "of 95 % intervals follow as the values do, after the status if both are asked for. The headers X-Brdf-Shape, "
         "-Dtype, -Channels, -Angles, -Id, -Error and -Has-Delta say the rest.",
         answer=_ANSWER,
         says="values[point][channel]",

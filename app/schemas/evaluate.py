@@ -53,3 +53,7 @@ class EvaluateAnswer(Strict):
     has_delta: bool = Field(description="true if a perfect mirror part exists, which the values leave out")
     status: list[int] | None = Field(None, description="with status=true: where each point's value comes from")
     status_names: list[str] | None = Field(None, description="what the numbers in status mean: names by position")
+    uncertainty: list[list[float | None]] | None = Field(
+        None,
+        description="with uncertainty=true: half-width of the 95 % interval of each value, 1/sr: [point][channel]",
+    )

@@ -3,6 +3,7 @@ compiler."""
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import logging
 import os
@@ -74,6 +75,8 @@ def _warm_up(library: Library, drawing: Drawing) -> None:
             material = library.get(line.name)
             for count in _COUNTS:
                 material.brdf.evaluate(np.zeros(count), 0.0, 0.0)
+                with contextlib.suppress(bc.InputError):  # an older table, without
+                    material.brdf.uncertainty(np.zeros(count), 0.0, 0.0)
             # the other process starts, looks for fonts and loads the same kernels
             drawing.draw(material, _SLICE)
         except (NotFoundError, MaterialDamagedError):  # gone since it was listed

@@ -15,8 +15,9 @@ from brdfcore.base.conventions import FloatArray, Outside
 from brdfcore.base.errors import InputError
 from brdfcore.base.geometry import angles_from_vectors
 from brdfcore.base.parameters import shown
+from brdfcore.base.provenance import Provenance, add_in_squares
 from brdfcore.base.quadrature import integrate_hemisphere
-from brdfcore.base.status import Status
+from brdfcore.base.status import weaker
 
 #: Estimated error of an albedo, relative to max(1, albedo), at which `Brdf.albedo` is content, and the evaluations an
 #: angle that it may spend on getting there.
@@ -33,7 +34,7 @@ ALBEDOS_KEPT = 1024
 FLAGS = ("bilateral", "reciprocal", "energy_conserving", "non_negative")
 
 
-class Brdf(ABC):
+class Brdf(Provenance, ABC):
     """A bidirectional reflectance distribution function f_r(theta_i, theta_o, delta_phi), isotropic.
 
     Attributes
@@ -95,10 +96,6 @@ class Brdf(ABC):
         Returns True if every vector was finite, not zero, and of a squared length within [1e-12, 1e12].
         """
         raise NotImplementedError
-
-    def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
-        """Status of n pairs inside the domain."""
-        return np.full(theta_i.shape, Status.MEASURED, np.uint8)
 
     def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Reflectance of the mirror part, (n,) -> (n, channels)."""
@@ -211,18 +208,6 @@ class Brdf(ABC):
         if not direct:
             values[...] = flat.reshape(values.shape)
         return values
-
-    def status(self, theta_i: npt.ArrayLike, theta_o: npt.ArrayLike, delta_phi: npt.ArrayLike) -> npt.NDArray[np.uint8]:
-        """Where each value comes from: `Status` codes, uint8, of the broadcast shape. OUTSIDE never raises.
-
-        >>> [bc.Status(code).name for code in bc.model("lambert").status([0.1, 2.0], 0.3, 3.0)]
-        ['MEASURED', 'OUTSIDE']
-        """
-        angles = conventions.check_domain(conventions.flatten_angles(theta_i, theta_o, delta_phi), "nan")
-        codes = self._status(*angles[:3])
-        if angles.outside is not None:
-            codes = np.where(angles.outside, np.uint8(Status.OUTSIDE), codes)
-        return codes.reshape(angles.shape)
 
     def delta_reflectance(self, theta_i: npt.ArrayLike) -> FloatArray:
         """Reflectance of the perfect mirror part, in [0, 1]; shape theta_i.shape + (channels,), float64.
@@ -349,8 +334,14 @@ class Sum(Brdf):
         np.add(parts[0], parts[1], out=out)
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
-        a, b = (p._status(theta_i, theta_o, delta_phi) for p in self.parts)
-        return np.maximum(a, b)  # the codes ascend from measured to outside: the weaker of the two
+        return weaker(*(p._status(theta_i, theta_o, delta_phi) for p in self.parts))
+
+    def _terms(self) -> list[tuple[Provenance, Any]]:
+        return [term for part in self.parts for term in part._terms()]
+
+    def _uncertainty(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        add_in_squares(self._terms(), (theta_i, theta_o, delta_phi), out)
+        return True
 
     def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         a, b = (p._delta_reflectance(theta_i) for p in self.parts)
@@ -396,6 +387,13 @@ class Scaled(Brdf):
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         return self.part._status(theta_i, theta_o, delta_phi)
+
+    def _terms(self) -> list[tuple[Provenance, Any]]:
+        return [(part, factor * self.factor) for part, factor in self.part._terms()]
+
+    def _uncertainty(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        out[...] = self.part.uncertainty(theta_i, theta_o, delta_phi) * self.factor.astype(out.dtype)
+        return True
 
     def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return self.part._delta_reflectance(theta_i) * self.factor

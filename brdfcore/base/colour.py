@@ -51,6 +51,12 @@ class Coloured(Brdf):
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         return self.part._status(theta_i, theta_o, delta_phi)
 
+    def _uncertainty(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        # errors of neighbouring wavelengths go together: sizes are summed, not squares
+        widths = self.part.uncertainty(theta_i, theta_o, delta_phi)
+        out[...] = widths @ np.abs(self.matrix).astype(widths.dtype)
+        return True
+
     def _delta_reflectance(self, theta_i: Float64Array) -> Float64Array:
         return self._summed(self.part._delta_reflectance(theta_i))
 

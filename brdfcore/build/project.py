@@ -11,6 +11,7 @@ from brdfcore.base.brdf import Brdf
 from brdfcore.base.directions import mixture
 from brdfcore.base.errors import InputError, LimitError
 from brdfcore.base.registry import REPRESENTATIONS
+from brdfcore.build.local_error import with_uncertainty
 from brdfcore.build.tabulate import positive
 from brdfcore.harmonics.expansion import HarmonicExpansion, build_expansion, expanded
 from brdfcore.harmonics.legendre import checked_degree
@@ -111,6 +112,7 @@ def project(
         "tolerance": wanted,
         "warnings": list(made.report["warnings"]),
     }
+    with_uncertainty(made, b)
     if progress is not None:
         progress(1, 1, "measuring the error")
     return made

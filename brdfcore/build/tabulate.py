@@ -12,6 +12,7 @@ from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import shown
 from brdfcore.base.registry import REPRESENTATIONS
+from brdfcore.build.local_error import with_uncertainty
 from brdfcore.metrics import Range, compare
 from brdfcore.tables.base.seen import Seen
 from brdfcore.tables.base.table import BuildOptions, Progress, Table
@@ -115,10 +116,11 @@ def tabulate(
     if representation == "auto":
         classes = [c for c in classes if c.FOR_AUTO and c.can_hold(b)]
     if tolerance is None and max_bytes is None and (shape is not None or representation != "auto"):
-        return _advised(_measured(classes[0].build(b, options, progress), b, None, options.seen, progress), b, names)
+        table = _measured(classes[0].build(b, options, progress), b, None, options.seen, progress)
+        return with_uncertainty(_advised(table, b, names), b)
     if tolerance is None and max_bytes is None:
         tolerance = DEFAULT_TOLERANCE
-    return _advised(_search(b, classes, options, tolerance, max_bytes, progress), b, names)
+    return with_uncertainty(_advised(_search(b, classes, options, tolerance, max_bytes, progress), b, names), b)
 
 
 def positive(name: str, value: Any) -> float | None:

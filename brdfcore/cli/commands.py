@@ -169,7 +169,8 @@ Lists broadcast: equal lengths, or one value. --input takes a file of three colu
 Examples:
   brdf eval cook_torrance:roughness=0.1,ior=gold --theta-i 30,45 --theta-o 30 --delta-phi 180
   brdf eval gold.h5 --theta-i 0.5 --theta-o 0.5 --delta-phi 3.14 --angles rad --json
-  brdf eval gold.h5 --input directions.csv --csv > values.csv""",
+  brdf eval gold.h5 --input directions.csv --csv > values.csv
+  brdf eval gold.h5 --theta-i 30 --theta-o 0,30,60 --delta-phi 180 --uncertainty --status""",
 )
 def evaluate(
     source: Source,
@@ -181,6 +182,9 @@ def evaluate(
     input: Annotated[str | None, typer.Option(metavar="FILE", help="Three columns of angles; - is stdin.")] = None,
     angles: arguments.Unit = "deg",
     status: Annotated[bool, typer.Option("--status", help="Also where each value comes from.")] = False,
+    uncertainty: Annotated[
+        bool, typer.Option("--uncertainty", help="Also the half-width of each value's 95 % interval, 1/sr.")
+    ] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Comma-separated values.")] = False,
     json: Json = False,
 ) -> None:
@@ -190,6 +194,7 @@ def evaluate(
     b = arguments.load(source)
     values = b.evaluate(*radians)
     names = [Status(code).name.lower() for code in b.status(*radians).tolist()] if status else None
+    widths = b.uncertainty(*radians) if uncertainty else None
     given = [x.tolist() for x in np.broadcast_arrays(*typed)]
     if json:
         answer: dict[str, Any] = {
@@ -202,9 +207,11 @@ def evaluate(
         }
         if names is not None:
             answer["status"] = names
+        if widths is not None:
+            answer["uncertainty"] = widths.tolist()
         as_json(answer)
         return
-    print("\n".join(_rows(b, unit, given, values, names, csv)))
+    print("\n".join(_rows(b, unit, given, values, widths, names, csv)))
 
 
 def _directions(
@@ -227,9 +234,19 @@ def _directions(
 
 
 def _rows(
-    b: Brdf, unit: str, given: list[list[float]], values: npt.NDArray[Any], names: list[str] | None, csv: bool
+    b: Brdf,
+    unit: str,
+    given: list[list[float]],
+    values: npt.NDArray[Any],
+    widths: npt.NDArray[Any] | None,
+    names: list[str] | None,
+    csv: bool,
 ) -> Iterator[str]:
-    head = [*(f"{n}_{unit}" for n in ANGLE_NAMES), *(f"f_r_{str(c).replace(',', ' ')}" for c in b.channels.labels())]
+    labels = [str(c).replace(",", " ") for c in b.channels.labels()]
+    head = [*(f"{n}_{unit}" for n in ANGLE_NAMES), *(f"f_r_{c}" for c in labels)]
+    if widths is not None:
+        head += [f"u_{c}" for c in labels]  # not f_r_: no value, should the file be read again
+        values = np.concatenate([values, widths], axis=-1)
     head = [h.replace(" ", "") for h in head] + (["status"] if names else [])
     table = [[*map(repr, angles), *map(repr, row)] for angles, row in zip(zip(*given), values.tolist())]
     if names:
@@ -237,8 +254,8 @@ def _rows(
     if csv:
         yield from (",".join(row) for row in [head, *table])
         return
-    widths = [max(len(row[k]) for row in [head, *table]) for k in range(len(head))]
-    yield from ("  ".join(cell.ljust(w) for cell, w in zip(row, widths)).rstrip() for row in [head, *table])
+    room = [max(len(row[k]) for row in [head, *table]) for k in range(len(head))]
+    yield from ("  ".join(cell.ljust(w) for cell, w in zip(row, room)).rstrip() for row in [head, *table])
     if b.has_delta:
         yield "# a perfect mirror part is not in f_r; see brdf info"
 

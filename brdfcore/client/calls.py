@@ -127,12 +127,12 @@ def send_json(
     return Call(method, path_of(*parts, query=query), told, content, repeat=repeat)
 
 
-def evaluate(id: str, angles: tuple[FloatArray, FloatArray, FloatArray], *, status: bool = False) -> Call:
-    """f_r of n pairs by id: angles of shape (n,), all float32 or all float64, radians; with their status codes."""
+def evaluate(id: str, angles: tuple[FloatArray, FloatArray, FloatArray], *, beside: str | None = None) -> Call:
+    """f_r of n pairs by id: angles of shape (n,), all float32 or all float64, radians; with status or uncertainty."""
     name, wire = _WIRE[angles[0].dtype]
     content = b"".join(np.ascontiguousarray(x, wire).data for x in angles)  # one copy
     headers = {"accept": BINARY, "content-type": BINARY, "accept-encoding": "identity"}  # noise does not compress
-    query = {"dtype": name, "angles": "rad", "status": status or None}
+    query = {"dtype": name, "angles": "rad", **({} if beside is None else {beside: True})}
     return Call("POST", path_of("tables", id, "evaluate", query=query), headers, content)
 
 
@@ -155,6 +155,12 @@ def read_codes(answer: Answer, dtype: np.dtype[Any], shape: tuple[int, int]) -> 
     """The status codes (n,) that follow the values, of shape (n, channels), of an answer that was asked for them."""
     _check_binary(answer, dtype, shape, shape[0])
     return np.frombuffer(answer.content, np.uint8, count=shape[0], offset=len(answer.content) - shape[0])
+
+
+def read_widths(answer: Answer, out: FloatArray) -> None:
+    """The half-widths that follow the values of an answer that was asked for them into `out` (n, channels)."""
+    _check_binary(answer, out.dtype, out.shape, out.nbytes)
+    out[...] = np.frombuffer(answer.content, _WIRE[out.dtype][1], offset=out.nbytes).reshape(out.shape)
 
 
 def _check_binary(answer: Answer, dtype: np.dtype[Any], shape: tuple[int, ...], more: int) -> None:

@@ -99,7 +99,23 @@ def evaluate_vectors(
     )
 
 
-def _in_parts(part: Callable[[int, int], Call], stage: str, out: FloatArray, connection: Connection) -> Exchange[None]:
+def uncertainty(id: str, stage: str, angles: Flat, out: FloatArray, connection: Connection) -> Exchange[None]:
+    """As `evaluate`, half-widths of 95 % intervals."""
+
+    def part(start: int, stop: int) -> Call:
+        a, b, c = (x[start:stop] for x in angles)
+        return calls.evaluate(id, (a, b, c), beside="uncertainty")
+
+    yield from _in_parts(part, stage, out, connection, calls.read_widths)
+
+
+def _in_parts(
+    part: Callable[[int, int], Call],
+    stage: str,
+    out: FloatArray,
+    connection: Connection,
+    read: Callable[[Answer, FloatArray], None] = calls.read_values,
+) -> Exchange[None]:
     count, start = out.shape[0], 0
     size = connection.chunk(out.shape[1])
     with reporting(connection.progress if count > size else False) as report:
@@ -112,7 +128,7 @@ def _in_parts(part: Callable[[int, int], Call], stage: str, out: FloatArray, con
                 continue
             except InputError as error:
                 raise _in_batch(error, start) from error
-            calls.read_values(answer, out[start:stop])
+            read(answer, out[start:stop])
             start = stop
             report(start, count, stage)
 
@@ -151,7 +167,7 @@ def status(id: str, angles: Flat, channels: int, connection: Connection) -> Exch
         stop = min(start + size, count)
         a, b, c = (x[start:stop] for x in angles)
         try:
-            answer: Answer = yield calls.evaluate(id, (a, b, c), status=True)
+            answer: Answer = yield calls.evaluate(id, (a, b, c), beside="status")
         except LimitError as error:
             size = _smaller(error, stop - start)
             continue

@@ -292,6 +292,11 @@ class RemoteBrdf(Sync, Described, Brdf):
         with np.errstate(over="ignore", under="ignore"):  # float32 rounds a peak above 3e38 to inf, as a model does
             out[...] = values.astype(out.dtype, copy=False)
 
+    def _uncertainty(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        connection = self._driver.connection
+        self._ask(exchanges.uncertainty(self.id, self.name, (theta_i, theta_o, delta_phi), out, connection))
+        return True
+
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         return self._ask(self._status_codes((theta_i, theta_o, delta_phi)))
 
@@ -325,6 +330,21 @@ class AsyncMaterial(Async, Described):
         if angles.outside is not None:
             codes = np.where(angles.outside, np.uint8(Status.OUTSIDE), codes)
         return codes.reshape(angles.shape)
+
+    @question
+    def uncertainty(
+        self, theta_i: npt.ArrayLike, theta_o: npt.ArrayLike, delta_phi: npt.ArrayLike, *, outside: Outside = "raise"
+    ) -> Exchange[FloatArray]:
+        """Half-widths of 95 % intervals of f_r; see `Brdf.uncertainty`."""
+        angles = conventions.check_domain(conventions.flatten_angles(theta_i, theta_o, delta_phi), outside)
+        flat = np.empty((angles.theta_i.size, len(self.channels)), angles.theta_i.dtype)
+        try:
+            yield from exchanges.uncertainty(self.id, self.name, angles[:3], flat, self._driver.connection)
+        except BrdfError as error:
+            raise exchanges.in_shape(error, theta_i, theta_o, delta_phi) from error
+        if angles.outside is not None:
+            flat[angles.outside] = np.nan
+        return flat.reshape((*angles.shape, len(self.channels)))
 
     @question
     def albedo(self, theta_i: npt.ArrayLike) -> Exchange[FloatArray]:

@@ -26,12 +26,14 @@ Array = npt.NDArray[np.float64]
 #: Apart in grey too: lightness .5, .75, .93.
 _COLOURS = {
     Status.MEASURED: "#4477AA",
+    Status.SMOOTHED: "#CC6677",
     Status.INTERPOLATED: "#88AACC",
     Status.EXTRAPOLATED: "#EECC66",
     Status.FILLED: "#EEEEEE",
 }
 _WORDS = {
     Status.MEASURED: "the source's own value",
+    Status.SMOOTHED: "smoothed: over 2 % from the source's",
     Status.INTERPOLATED: "interpolated",
     Status.EXTRAPOLATED: "extrapolated",
     Status.FILLED: "filled by a policy",
@@ -128,10 +130,11 @@ def _disc(axes: Axes, b: Brdf, light: float, points: Array, centre: tuple[float,
     codes = np.full(x.shape, np.nan)
     # the mirror side is to the right: delta_phi = pi at x > 0
     codes[inside] = b.status(light, theta[inside], np.arctan2(-y[inside], -x[inside]))
-    colours = ListedColormap([_COLOURS[s] for s in sorted(_COLOURS)])
+    shades = [_COLOURS.get(s, "white") for s in Status]
+    colours, norm = ListedColormap(shades), BoundaryNorm(np.arange(-0.5, len(shades)), len(shades))
     extent = (centre[0] - radius, centre[0] + radius, centre[1] - radius, centre[1] + radius)
     image = axes.imshow(
-        np.ma.masked_invalid(codes), cmap=colours, norm=BoundaryNorm(np.arange(-0.5, 4), 4), extent=extent,
+        np.ma.masked_invalid(codes), cmap=colours, norm=norm, extent=extent,
         origin="lower", interpolation="nearest", aspect="auto", zorder=1,
     )  # fmt: skip
     image.set_clip_path(Circle(centre, radius, transform=axes.transData))

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
 
 from brdfcore.base import conventions
 from brdfcore.base.brdf import Brdf
@@ -23,6 +24,7 @@ from brdfcore.plot.canvas import canvas, check_scale, delta_notes, fitted, footn
 from brdfcore.plot.rendering import drawing
 from brdfcore.plot.slices import slice as slice_of
 from brdfcore.plot.style import FAINT, INK, RING, Radial
+from brdfcore.plot.sure import WEAK_DASHES, Sure, sure_notes, sure_of
 
 Array = npt.NDArray[np.float64]
 
@@ -34,12 +36,15 @@ CHANNELS_SHOWN = 6
 
 @dataclass(frozen=True)
 class _Curve:
+    """A curve over signed theta_o, how sure its values are, and what was measured on it."""
+
     material: str
     label: str
     colour: str
     dashes: Any
     theta_o: Array
     values: Array
+    sure: Sure
 
 
 def polar(
@@ -54,6 +59,9 @@ def polar(
     dpi: float = 150,
 ) -> Figure:
     """f_r in the plane of incidence as a half-disc: normal up, mirror side right, the light from the left.
+
+    A band is the 95 % interval of `Brdf.uncertainty`, a thin dashed part of a curve extrapolated or filled (`status`),
+    and circles are measurements at that theta_i where the material is made of some.
 
     b        a material, or several by label, drawn over each other.
     theta_i  polar angles of the light, radians.
@@ -85,7 +93,7 @@ def polar(
         widest = max(inches_of(c.label, 8.5) for c in curves) + 0.75  # with its line and a gap
         columns = min(len(curves), 4, max(1, int((size[0] - 0.2) / widest)))
         rows = -(-len(curves) // columns) if len(curves) > 1 else 0
-        notes = [*radial.notes(everything), *delta_notes(materials, lights)]
+        notes = [*radial.notes(everything), *sure_notes([c.sure for c in curves]), *delta_notes(materials, lights)]
         if _coincide([radial(c.values) for c in curves]):
             notes.insert(0, f"the {len(curves)} curves coincide")
         below = 0.66 + 0.17 * rows + 0.17 * len(notes)
@@ -128,7 +136,8 @@ def _curves(
             shown = np.unique(np.linspace(0, len(labels) - 1, CHANNELS_SHOWN).round().astype(int))
         for k, (colour, dashes) in zip(shown.tolist(), islice(looks, len(shown))):
             colour = style.CHANNEL_COLOURS.get(labels[k], colour)
-            curves.append(_Curve("", labels[k], colour, dashes, data.theta_o[0], data.values[0, :, k]))
+            sure = sure_of(b, float(lights[0]), data.theta_o[0], k)
+            curves.append(_Curve("", labels[k], colour, dashes, data.theta_o[0], data.values[0, :, k], sure))
         if len(labels) == 1:
             return curves, f"channel {labels[0]}{angle}"
         count = f"{len(shown)} of {len(labels)}" if len(shown) < len(labels) else f"all {len(labels)}"
@@ -155,7 +164,8 @@ def _curves(
                 colour, dashes = colours[k], style.STYLES[n % len(style.STYLES)]
             text = f"θᵢ = {style.degrees_text(float(t))}" if len(materials) == 1 or lights.size > 1 else ""
             name = label if len(materials) > 1 else ""
-            curves.append(_Curve(name, text, colour, dashes, data.theta_o[k], data.values[k, :, 0]))
+            sure = sure_of(b, float(t), data.theta_o[k], pick)
+            curves.append(_Curve(name, text, colour, dashes, data.theta_o[k], data.values[k, :, 0], sure))
     return curves, f"channel {' | '.join(dict.fromkeys(drawn))}{angle}"
 
 
@@ -207,12 +217,30 @@ class _HalfDisc:
         self.axes.text(x, y + self.radius + 0.47, "θₒ", ha="center", va="center", fontsize=9, color=FAINT)
 
     def curve(self, curve: _Curve, radial: Radial) -> None:
+        sure = curve.sure
+        if sure.widths is not None:
+            ends = [radial.clipped(curve.values + side * sure.widths) for side in (1, -1)]
+            sides = [np.column_stack(self.xy(curve.theta_o, end)) for end in ends]
+            band = Polygon(
+                np.vstack([sides[0], sides[1][::-1]]), closed=True, fc=curve.colour, ec="none", alpha=0.2, zorder=2.5
+            )
+            self.axes.add_patch(band)
         x, y = self.xy(curve.theta_o, radial(curve.values))
-        # round joins: a mitred tip of a sharp lobe would stand above its true peak
-        self.axes.plot(
-            x, y, color=curve.colour, ls=curve.dashes, lw=1.6, zorder=3, label=curve.label,
-            solid_joinstyle="round", dash_joinstyle="round", dash_capstyle="butt",
-        )  # fmt: skip
+        for weak, dashes, width in ((False, curve.dashes, 1.6), (True, WEAK_DASHES, 1.1)):
+            shown = sure.weak == weak
+            if not shown.any():
+                continue
+            # each part begins where the one before ends
+            shown[1:] |= shown[:-1] if not weak else False
+            # round joins: a mitred tip of a sharp lobe would stand above its true peak
+            self.axes.plot(
+                np.where(shown, x, np.nan) if not shown.all() else x, y, color=curve.colour, ls=dashes, lw=width,
+                zorder=3, label="" if weak else curve.label,
+                solid_joinstyle="round", dash_joinstyle="round", dash_capstyle="butt",
+            )  # fmt: skip
+        if sure.measured is not None:
+            x, y = self.xy(sure.measured[0], radial(sure.measured[1]))
+            self.axes.plot(x, y, ls="none", marker="o", ms=2.6, mew=0.5, mfc="white", mec=curve.colour, zorder=3.5)
 
     def light(self, theta_i: float, colour: str) -> None:
         """An arrow outside the rim on the side of the light."""

@@ -163,6 +163,13 @@ class Radial:
         radii[shown] = np.maximum((x - self.low) / (self.high - self.low), 0.0)
         return radii
 
+    def clipped(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Radii of ends of intervals, held to [0, 1]; what is not finite is at an end too."""
+        top = self.high if self.scale == "linear" else 10.0**self.high
+        held = np.clip(np.nan_to_num(values, nan=0.0, posinf=top, neginf=0.0), self.floor, top)
+        x = held if self.scale == "linear" else np.log10(held)
+        return np.asarray((x - self.low) / (self.high - self.low))
+
     def _above(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
         top = self.high if self.scale == "linear" else 10.0**self.high
         with np.errstate(invalid="ignore"):

@@ -20,6 +20,7 @@ from brdfcore.base.channels import Channels
 from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError
 from brdfcore.base.registry import REPRESENTATIONS
 from brdfcore.tables.base.file import MAX_HEADER, SCHEMA_VERSION, h5py, refused
+from brdfcore.tables.base.local_error import LocalError
 from brdfcore.tables.base.table import Table
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -64,19 +65,15 @@ def open_table(path: str | PathLike[str], *, max_bytes: int = MAX_BYTES) -> Tabl
                 got=header["evaluation_version"],
                 expected=cls.EVALUATION_VERSION,
             )
-        arrays, budget = {}, max_bytes
-        group = _child(path, file, "arrays", h5py.Group)
-        for name in group:
-            array = _read(path, group, name, budget)
-            budget -= array.nbytes
-            arrays[name] = array
-    for name, array in arrays.items():
-        if array.dtype.kind == "f" and not np.isfinite(array).all():
-            place = [int(i) for i in np.argwhere(~np.isfinite(array))[0]]
-            raise _damaged(path, f"arrays/{name}", f"a value that is not finite at {place}", "finite values")
+        arrays = _read_group(path, file, "arrays", max_bytes)
+        spread = None
+        if "uncertainty" in header:
+            spread = _read_group(path, file, "uncertainty", max_bytes - sum(a.nbytes for a in arrays.values()))
     try:
         channels = Channels(header["channels"], header["channel_kind"])
         table: Table = cls.from_arrays(arrays, header["attributes"], channels, header["flags"])
+        if spread is not None:
+            table.local_error = LocalError.from_arrays(spread, header["uncertainty"], len(channels))
     except (FileFormatError, InputError) as error:
         raise FileFormatError(
             error.code, f"{path.name}: {error.detail}", **{**error.context, "file": path.name}
@@ -148,6 +145,8 @@ def _read_header(path: Path, file: Any) -> dict[str, Any]:
     for key, kind in expected.items():
         if not isinstance(header.get(key), kind) or isinstance(header[key], bool):
             raise _damaged(path, f"header/{key}", type(header.get(key)).__name__, kind.__name__)
+    if not isinstance(header.get("uncertainty", {}), dict):
+        raise _damaged(path, "header/uncertainty", type(header["uncertainty"]).__name__, "dict")
     if header["schema_version"] != SCHEMA_VERSION:
         raise FileFormatError(
             "schema_version",
@@ -167,6 +166,20 @@ def _read_header(path: Path, file: Any) -> dict[str, Any]:
 
 def _not_json(constant: str) -> Any:
     raise ValueError(f"{constant} is not JSON")
+
+
+def _read_group(path: Path, file: Any, group: str, limit: int) -> dict[str, npt.NDArray[Any]]:
+    """The arrays of a group, finite, of `limit` bytes in all."""
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    held = _child(path, file, group, h5py.Group)
+    for name in held:
+        array = _read(path, held, name, limit)
+        limit -= array.nbytes
+        arrays[name] = array
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            place = [int(i) for i in np.argwhere(~np.isfinite(array))[0]]
+            raise _damaged(path, f"{group}/{name}", f"a value that is not finite at {place}", "finite values")
+    return arrays
 
 
 def _child(path: Path, group: Any, name: str, kind: type) -> Any:

@@ -27,6 +27,7 @@ MODELS = dict(testing.example_models())
 def test_model(name: str) -> None:
     testing.check_brdf(MODELS[name])
     testing.check_pickle(MODELS[name])
+    assert not MODELS[name].uncertainty(*testing.sample_angles(64)).any()  # a formula is not off
 
 
 def test_examples_reach_every_choice(monkeypatch: pytest.MonkeyPatch) -> None:

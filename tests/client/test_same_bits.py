@@ -49,6 +49,10 @@ def test_everything_else_of_a_brdf(client: Client, local: dict[str, bc.Brdf], na
         i, o, d = (x.astype(dtype) for x in testing.sample_angles(200))
         i[5] = -1
         assert same(remote.status(i, o, d), here.status(i, o, d))
+        assert same(remote.uncertainty(i, o, d, outside="nan"), here.uncertainty(i, o, d, outside="nan"))
+        i[5] = 0.5
+        assert same(remote.uncertainty(i, o, d), here.uncertainty(i, o, d))
+        assert same((2 * remote + remote).uncertainty(i, o, d), (2 * here + here).uncertainty(i, o, d))
     theta = np.radians([[0.0, 30.0], [75.0, 90.0]])
     assert same(remote.delta_reflectance(theta), here.delta_reflectance(theta))
     assert same(remote.albedo(theta), here.albedo(theta))

@@ -86,6 +86,20 @@ class Repaired(Brdf):
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         return self.source_brdf._status(theta_i, theta_o, delta_phi)
 
+    def _uncertainty(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        # what is averaged may be off the same way; a value set to 0 is as uncertain as it was
+        i, o, d = theta_i, theta_o, delta_phi
+        pairs = [(i, o, d)]
+        if "bilateral" in self.repairs:
+            pairs += [(i, o, -d)]
+        if "reciprocity" in self.repairs:
+            pairs += [(o, i, -d) for i, o, d in pairs]
+        out[...] = sum(self.source_brdf.uncertainty(*pair) for pair in pairs) / len(pairs)
+        if self.factors is not None:
+            scale = self._factor(theta_i)
+            out *= np.minimum(scale, self._factor(theta_o)) if "reciprocity" in self.repairs else scale
+        return True
+
     def _delta_reflectance(self, theta_i: Float64Array) -> Float64Array:
         delta = self.source_brdf._delta_reflectance(theta_i)
         if "negatives" in self.repairs:

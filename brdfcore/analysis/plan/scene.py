@@ -94,6 +94,10 @@ class Selected(Brdf):
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         return self.part._status(theta_i, theta_o, delta_phi)
 
+    def _uncertainty(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        out[...] = self.part.uncertainty(theta_i, theta_o, delta_phi)[:, self.picks]
+        return True
+
     def _delta_reflectance(self, theta_i: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return self.part._delta_reflectance(theta_i)[:, self.picks]
 

@@ -53,6 +53,12 @@ def report_of(
         warnings.append(
             f"{zero} of {m.values.size} values are exactly 0, below what the instrument resolves; they are kept as 0"
         )
+    smoothed = table.report.get("smoothed", {})
+    if smoothed.get("rows"):
+        far = f", up to {smoothed['off by, at most']:.3g} of them" if "off by, at most" in smoothed else ""
+        warnings.append(
+            f"{smoothed['rows']} of {smoothed['of']} rows are smoothed: the table is over 2 % from their values{far}"
+        )
     report = {
         "format": m.format,
         "file": m.file,
@@ -68,6 +74,7 @@ def report_of(
         **measured_symmetries(m),
         "albedo": albedo_of(table, table.coverage),
         "interpolation": table.report.get("interpolation", {}),
+        "smoothed": table.report.get("smoothed", {}),
         "done": [*done, *table.report.get("done", [])],
         "warnings": warnings,
     }

@@ -21,3 +21,7 @@ class OneChannel(Brdf):
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
         out[:, 0] = self.whole.evaluate(theta_i, theta_o, delta_phi)[:, self.index]
         return True
+
+    def _uncertainty(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        out[:, 0] = self.whole.uncertainty(theta_i, theta_o, delta_phi)[:, self.index]
+        return True

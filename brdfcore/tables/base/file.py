@@ -5,6 +5,7 @@ Layout, schema version 1 (little-endian, chunked, fletcher32 checksums):
     /header          uint8, JSON text: schema_version, representation, evaluation_version, channels, channel_kind,
                      flags, attributes, id; beside them source, report, error, metadata, code_version
     /arrays/NAME     each array a look-up touches
+    /uncertainty/NAME  what `tables.base.local_error` holds, where there is one; its attributes are in the header
 
 `tables.store` reads such files.
 """
@@ -36,9 +37,14 @@ MAX_DEPTH = 16
 _CHUNK = 65_536
 
 
-def save(path: Path, header: dict[str, Any], arrays: Mapping[str, npt.NDArray[Any]], check: Callable[[Path], T]) -> T:
-    """Write header and arrays to `path` by `base.atomic.write_file`, and return what `check` read of the new file
-    before it took the old one's place. The bytes depend on the table only.
+def save(
+    path: Path,
+    header: dict[str, Any],
+    groups: Mapping[str, Mapping[str, npt.NDArray[Any]]],
+    check: Callable[[Path], T],
+) -> T:
+    """Write header and groups of arrays to `path` by `base.atomic.write_file`, and return what `check` read of the new
+    file before it took the old one's place. The bytes depend on the table only.
 
     They are made in memory: the HDF5 library ends the whole process where it can't write out what it holds.
 
@@ -47,14 +53,15 @@ def save(path: Path, header: dict[str, Any], arrays: Mapping[str, npt.NDArray[An
     """
     text = np.frombuffer(_header_text({"schema_version": SCHEMA_VERSION, **header}), np.uint8)
     # one piece of memory for all of it, so that there is room from the first byte or not at all
-    room = text.nbytes + sum(array.nbytes for array in arrays.values())
+    room = text.nbytes + sum(array.nbytes for arrays in groups.values() for array in arrays.values())
     with h5py.File(
         path.name, "w", driver="core", backing_store=False, block_size=room + room // 8 + 2**20, track_order=False
     ) as file:
         _write(file, "header", text)
-        group = file.create_group("arrays")
-        for name, array in arrays.items():
-            _write(group, name, array)
+        for name, arrays in groups.items():
+            group = file.create_group(name)
+            for key, array in arrays.items():
+                _write(group, key, array)
         file.flush()
         image = file.id.get_file_image()
     return write_file(path, image, check)

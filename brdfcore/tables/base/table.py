@@ -18,9 +18,11 @@ import numpy.typing as npt
 
 from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import Channels
+from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter
 from brdfcore.base.registry import FORMATS
+from brdfcore.tables.base.local_error import ROUNDING, LocalError
 from brdfcore.tables.base.seen import EVERYWHERE, Seen
 from brdfcore.version import __version__
 
@@ -67,6 +69,8 @@ class Table(Brdf):
     id, nbytes and answers belong to the arrays as they were given: to change a value, make another table.
 
     error   dict of the measured error against the source (`build.tabulate` fills it), {} if never measured.
+    local_error  how far it is off, by direction (`build.local_error` fills it); None: what `uncertainty` does then is
+            said there.
     source  dict with name, format, sha256 of what the table was built from.
 
     >>> table = bc.tabulate(bc.model("lambert"), "angle_grid", shape=(4, 4, 5))
@@ -84,6 +88,8 @@ class Table(Brdf):
     SUMMARY: ClassVar[str] = ""
     #: Whether "auto" considers it: False for what another representation is always better at.
     FOR_AUTO: ClassVar[bool] = True
+    #: Relative rounding of the stored nodes of a file's own table.
+    NODES_ROUNDED: ClassVar[float] = 0.0
     _fixed = True
 
     def __init__(self, channels: Channels, flags: Mapping[str, bool]) -> None:
@@ -94,6 +100,7 @@ class Table(Brdf):
         self.energy_conserving = bool(flags["energy_conserving"])
         self.non_negative = bool(flags["non_negative"])
         self.error: dict[str, Any] = {}
+        self.local_error: LocalError | None = None
         self.source: dict[str, Any] = {}
 
     @abstractmethod
@@ -140,6 +147,31 @@ class Table(Brdf):
         """Factor that the error may fall by from one table to one of `ratio` times its bytes, at most; inf: unknown."""
         return math.inf
 
+    def _uncertainty(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        if self.local_error is None and self.measured_against:
+            raise InputError(
+                "missing_uncertainty",
+                f"this {self.name} table holds no uncertainty: an older version made it, or it was made from a table "
+                "without; make it again from its source (brdf tabulate SOURCE -o FILE)",
+                where="uncertainty",
+                got=None,
+                expected="a table made by this version",
+            )
+        values = np.empty_like(out)
+        if not self._evaluate(theta_i, theta_o, delta_phi, values):
+            return False
+        if self.local_error is None:
+            rounding = max(ROUNDING * float(np.finfo(out.dtype).eps), self.NODES_ROUNDED)
+            np.multiply(np.abs(values), out.dtype.type(rounding), out=out)
+        else:
+            self.local_error.half_widths(theta_i, theta_o, delta_phi, values, out)
+        return True
+
+    @property
+    def measured_against(self) -> bool:
+        """Whether there is a source that the table differs from; a table as a file holds it has none."""
+        return bool(self.error)
+
     @property
     def flags(self) -> dict[str, bool]:
         return {name: getattr(self, name) for name in FLAGS}
@@ -181,13 +213,16 @@ class Table(Brdf):
 
         beside = {"source": self.source, "report": self.report, "error": self.error, "metadata": self.metadata}
         header = {**self._identity(), "id": self.computed_id(), **beside, "code_version": __version__}
+        groups: dict[str, Mapping[str, npt.NDArray[Any]]] = {"arrays": self.to_arrays()}
+        if self.local_error is not None:
+            header["uncertainty"], groups["uncertainty"] = self.local_error.attributes(), self.local_error.arrays
         # by its name, as a representation knows nothing of the reader
         read: Callable[[Path], Self] = FORMATS.load("table")().read
-        return save(Path(path), header, self.to_arrays(), read)
+        return save(Path(path), header, groups, read)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # by its arrays: what was compiled or derived on the way is made anew
-        beside = {key: getattr(self, key) for key in ("error", "source", "report", "metadata")}
+        beside = {key: getattr(self, key) for key in ("error", "local_error", "source", "report", "metadata")}
         arrays, attributes = self.to_arrays(), self.attributes()
         return _rebuilt, (type(self), arrays, attributes, self.channels, self.flags, beside)
 
@@ -210,7 +245,7 @@ def _rebuilt(
     attributes: Mapping[str, Any],
     channels: Channels,
     flags: Mapping[str, bool],
-    beside: Mapping[str, dict[str, Any]],
+    beside: Mapping[str, Any],
 ) -> Table:
     table = cls.from_arrays(arrays, attributes, channels, flags)
     for key, value in beside.items():

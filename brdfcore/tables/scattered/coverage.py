@@ -81,6 +81,12 @@ class Coverage:
             return basis, centre, np.array([[1.0, -flat.max()], [-1.0, flat.min()]])
         return basis, centre, np.asarray(ConvexHull(flat).equations)
 
+    def neighbours(self, angles: Float64Array, count: int) -> tuple[Float64Array, npt.NDArray[np.intp]]:
+        """(distances, indices) of the `count` nearest measurements, or of all, of `angles` (n, 3): (n, count) each."""
+        count = min(count, len(self.angles))
+        distance, index = self._tree.query(self._embedded(*angles.T), k=count, p=np.inf)
+        return distance.reshape(len(angles), count), np.asarray(index, np.intp).reshape(len(angles), count)
+
     def nearest(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> npt.NDArray[np.intp]:
         """Index of the nearest measurement of each pair of directions."""
         return np.asarray(self._tree.query(self._embedded(theta_i, theta_o, delta_phi), p=np.inf)[1])

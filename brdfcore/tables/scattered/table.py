@@ -14,12 +14,15 @@ from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import HALF_PI, FloatArray
 from brdfcore.base.errors import FileFormatError, InputError, LimitError
 from brdfcore.base.parameters import Parameter
+from brdfcore.base.status import Status
 from brdfcore.metrics import measured_flags
 from brdfcore.tables.base.half_lattice import HalfLattice, lattice_arrays
 from brdfcore.tables.base.table import BuildOptions, Progress
 from brdfcore.tables.scattered.coverage import Coverage
 from brdfcore.tables.scattered.fit import Predictor, Settings, choose
+from brdfcore.tables.scattered.held_out import OFF, given_back, half_widths, held_out
 from brdfcore.tables.scattered.lattice import Policy, lattice_shape, layout_of, meet, nodes_of
+from brdfcore.tables.scattered.residuals import LONGEST_REACH, Residuals
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -43,6 +46,9 @@ class Scattered(HalfLattice):
 
         angles    float64 (n, 3)  theta_i, theta_o, delta_phi of each row, rad, repeats and both sides as measured
         measured  float64 (n, C)  its f_r in 1/sr
+
+    Where the lattice misses measured geometries its residuals are given back around them (`scattered.residuals`), with
+    three arrays more. A value at a measured geometry that is farther than `OFF` from the file is SMOOTHED.
     """
 
     name = "scattered"
@@ -52,22 +58,74 @@ class Scattered(HalfLattice):
         Parameter("interpolation", "", "between the nodes", "linear", kind="choice", choices=("linear",)),
     )
 
+    EVALUATION_VERSION = 2
+
     angles: Float64Array
     measured: Float64Array
     policy: Policy
     settings: Settings
+    residuals: Residuals | None
 
-    def _keep(self, angles: Float64Array, measured: Float64Array, policy: Policy, settings: Settings) -> Self:
+    def _keep(
+        self,
+        angles: Float64Array,
+        measured: Float64Array,
+        policy: Policy,
+        settings: Settings,
+        residuals: Residuals | None,
+    ) -> Self:
         self.angles, self.measured, self.policy, self.settings = angles, measured, policy, settings
+        self.residuals = residuals
+        # the lattice is asked from angles alone where something is added to it
+        self._takes_vectors = residuals is None
         return self
+
+    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
+        inside = super()._evaluate(theta_i, theta_o, delta_phi, out)
+        if inside and self.residuals is not None:
+            lowest = min(0.0, float(self.measured.min()))
+            self.residuals.add_to(theta_i, theta_o, delta_phi, out, two_sided=not self.bilateral, lowest=lowest)
+        return inside
 
     @cached_property
     def coverage(self) -> Coverage:
         """Which pairs of directions the measurements cover."""
         return Coverage(self.angles, self.policy.gap, self.bilateral)
 
+    @cached_property
+    def off(self) -> Float64Array:
+        """How far the table is from each row of the file, relative to it, the worst channel, (n,); inf from a 0."""
+        difference = np.abs(self.evaluate(*self.angles.T) - self.measured)
+        size = np.abs(self.measured)
+        worst = np.divide(difference, size, out=np.where(difference > 0, np.inf, 0.0), where=size > 0)
+        return np.asarray(worst.max(axis=1))
+
+    def smoothed(self) -> dict[str, Any]:
+        """How many rows of the file the table does not return to `OFF`, of how many, and how far it is from them."""
+        off = self.off[self.off > OFF]
+        far = {f"off by, {name}": float(f"{q:.3g}") for name, q in (("median", np.median(off)), ("at most", off.max()))
+               if np.isfinite(q)} if off.size else {}  # fmt: skip
+        return {"rows": int(off.size), "of": len(self.angles), **far}
+
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
-        return self.coverage.status(*(a.astype(np.float64, copy=False) for a in (theta_i, theta_o, delta_phi)))
+        angles = [a.astype(np.float64, copy=False) for a in (theta_i, theta_o, delta_phi)]
+        codes = self.coverage.status(*angles)
+        measured = np.flatnonzero(codes == Status.MEASURED)
+        if measured.size:
+            # repeats of one geometry are told apart by nothing: the farthest of them counts
+            rows = self.coverage.nearest(*(a[measured] for a in angles))
+            codes[measured[self._smoothed_rows[rows]]] = Status.SMOOTHED
+        return codes
+
+    @cached_property
+    def _smoothed_rows(self) -> npt.NDArray[np.bool_]:
+        points = np.rint(self.angles / _SAME_GEOMETRY)
+        group = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1)
+        return np.asarray(np.bincount(group, self.off > OFF)[group] > 0)
+
+    @property
+    def measured_against(self) -> bool:
+        return True  # measurements are not exact between them
 
     # ---- build --------------------------------------------------------------------------------
 
@@ -80,15 +138,19 @@ class Scattered(HalfLattice):
         *,
         bilateral: bool,
         policy: Policy,
+        instrument: Float64Array | None = None,
         progress: Progress | None = None,
     ) -> Self:
         """Regrid measurements at `angles` (n, 3) in rad with `values` (n, channels) in 1/sr; repeats are averaged.
 
-        bilateral  whether -delta_phi means the same as delta_phi.
+        bilateral   whether -delta_phi means the same as delta_phi.
+        instrument  half-widths (n, channels) of 95 % intervals that the file states, 1/sr.
         `report["done"]` says what was changed or filled. Raises `InputError` for too few geometries or a shape that
         can't be, `LimitError` for too many.
         """
-        points, means = merged(angles, values, bilateral)
+        points, means, group = merged(angles, values, bilateral)
+        if instrument is not None:
+            instrument = merged(angles, instrument, bilateral)[1]
         n = len(points)
         if n < MIN_POINTS:
             raise InputError(
@@ -131,12 +193,24 @@ class Scattered(HalfLattice):
         arrays, scale, guide = lattice_arrays(nodes, layout)
         flags = {**dict.fromkeys(FLAGS, False), "bilateral": bilateral}
         table = cls(arrays, scale, guide, layout.factor, False, channels, flags)
-        table._keep(np.ascontiguousarray(angles), np.ascontiguousarray(values), policy, settings)
-        found = measured_flags(table)
-        table.reciprocal, table.energy_conserving = found["reciprocal"], found["energy_conserving"]
+        rows = np.ascontiguousarray(angles), np.ascontiguousarray(values)
+        table._keep(*rows, policy, settings, None)
+        if progress is not None:
+            progress(0, 1, "predicting each geometry from the others")
+        once = Coverage(points, policy.gap, bilateral)
+        found = held_out(points, means, once, settings)
+        left = means - table.evaluate(*points.T)
+        wanted = given_back(found, means, left)
+        if wanted.any():
+            table._keep(*rows, policy, settings, Residuals.of(points, left, wanted, min(policy.gap, LONGEST_REACH)))
+        if found is not None:
+            table.local_error = half_widths(found, values, group, once, table.nbytes, instrument)
+        measured = measured_flags(table)
+        table.reciprocal, table.energy_conserving = measured["reciprocal"], measured["energy_conserving"]
         table.non_negative = bool((arrays["values"] >= 0).all())
         table.report = {
             "done": done,
+            "smoothed": table.smoothed(),
             "interpolation": {
                 **settings.to_json(),
                 "held-out error": None if np.isnan(error) else float(f"{error:.3g}"),
@@ -183,7 +257,8 @@ class Scattered(HalfLattice):
     # ---- arrays -------------------------------------------------------------------------------
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
-        return {**super().to_arrays(), "angles": self.angles, "measured": self.measured}
+        left = {} if self.residuals is None else self.residuals.arrays()
+        return {**super().to_arrays(), "angles": self.angles, "measured": self.measured, **left}
 
     def attributes(self) -> dict[str, Any]:
         policy = {"holes": self.policy.holes, "negatives": self.policy.negatives, "gap": self.policy.gap}
@@ -211,7 +286,10 @@ class Scattered(HalfLattice):
             raise cls._bad("measured", f"{len(measured)} rows", f"{len(angles)}, as many as angles")
         if (angles[:, :2] < 0).any() or (angles[:, :2] > HALF_PI).any():
             raise cls._bad("angles", "a polar angle outside [0, pi/2]", "polar angles within it")
-        return table._keep(angles, measured, *_settings_of(cls, attributes))
+        residuals = Residuals.from_arrays(arrays, len(channels), MAX_POINTS)
+        if isinstance(residuals, str):
+            raise cls._bad(residuals, "missing or of another shape", "what fits `kept`")
+        return table._keep(angles, measured, *_settings_of(cls, attributes), residuals)
 
 
 def _settings_of(cls: type[Scattered], attributes: Mapping[str, Any]) -> tuple[Policy, Settings]:
@@ -235,9 +313,11 @@ def _settings_of(cls: type[Scattered], attributes: Mapping[str, Any]) -> tuple[P
 _SAME_GEOMETRY = 1e-4
 
 
-def merged(angles: Float64Array, values: Float64Array, fold: bool) -> tuple[Float64Array, Float64Array]:
-    """Each geometry once, repeats averaged, in the order of their first; with `fold` delta_phi and -delta_phi are one,
-    and delta_phi >= 0."""
+def merged(
+    angles: Float64Array, values: Float64Array, fold: bool
+) -> tuple[Float64Array, Float64Array, npt.NDArray[np.intp]]:
+    """(angles, means, number of each row's geometry): each geometry once, repeats averaged, in the order of their
+    first; with `fold` delta_phi and -delta_phi are one, and delta_phi >= 0."""
     turned = angles.copy()
     if fold:
         turned[:, 2] = np.abs(turned[:, 2])
@@ -247,7 +327,7 @@ def merged(angles: Float64Array, values: Float64Array, fold: bool) -> tuple[Floa
     sums = np.zeros((count.size, values.shape[1]))
     np.add.at(sums, group.reshape(-1), values)
     order = np.argsort(first)
-    return turned[first[order]], (sums / count[:, None])[order]
+    return turned[first[order]], (sums / count[:, None])[order], np.argsort(order)[group.reshape(-1)]
 
 
 def goniometer(bilateral: bool) -> Float64Array:
