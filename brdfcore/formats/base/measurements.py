@@ -37,6 +37,7 @@ class Measurements:
     theta_i, theta_o  (n,) rad, in [0, pi/2].
     delta_phi         (n,) rad, in [-pi, pi]; pi is the mirror direction; 0 where a theta is below `SAME_ANGLE`.
     values            (n, channels) f_r without the cosine; finite, negative values as measured.
+    uncertainty       (n, channels) standard uncertainty (one sigma) that the file states of each value, 1/sr; or None.
     lines             (n,) number of the line, row or record in the file, for messages; from 1.
     file, format      name of the file and of its format.
     conventions       text by topic: what the reader declares about its source.
@@ -60,6 +61,7 @@ class Measurements:
     warnings: tuple[str, ...] = ()
     source: Mapping[str, Any] = field(default_factory=dict)
     description: str = ""
+    uncertainty: Float64Array | None = None
 
     def __post_init__(self) -> None:
         n = self.theta_i.size
@@ -67,12 +69,19 @@ class Measurements:
             a.shape != (n,) for a in (self.theta_i, self.theta_o, self.delta_phi, self.lines)
         ):
             raise InputError("bad_measurements", "angles, values and lines of measurements differ in length")
-        for name in ("theta_i", "theta_o", "delta_phi", "values", "lines"):
+        if self.uncertainty is not None and self.uncertainty.shape != self.values.shape:
+            raise InputError("bad_measurements", "values and uncertainty of measurements differ in shape")
+        for name in self._columns:
             array = np.array(getattr(self, name))
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         for name in ("conventions", "found", "source"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    @property
+    def _columns(self) -> tuple[str, ...]:
+        more = () if self.uncertainty is None else ("uncertainty",)
+        return ("theta_i", "theta_o", "delta_phi", "values", "lines", *more)
 
     def __len__(self) -> int:
         return int(self.theta_i.size)
@@ -99,8 +108,10 @@ class Measurements:
         warnings: Sequence[str] = (),
         source: Mapping[str, Any] | None = None,
         description: str = "",
+        uncertainty: npt.ArrayLike | None = None,
     ) -> Self:
-        """Measurements from a file's columns, (n,) each, `values` (n, channels); a scalar phi_i is one for all rows.
+        """Measurements from a file's columns, (n,) each, `values` and `uncertainty` (n, channels); a scalar phi_i is
+        one for all rows.
 
         degrees  whether the angles are in degrees (turned by numpy.radians) or radians.
         mirror   phi_o - phi_i of the mirror direction with both zenith angles positive, in degrees: 180 where azimuths
@@ -165,6 +176,7 @@ class Measurements:
             warnings=tuple(warnings),
             source=source or {},
             description=description,
+            uncertainty=None if uncertainty is None else np.asarray(uncertainty, np.float64)[usable],
         )
         remarks = made._check_isotropic(
             np.asarray(_reduced(columns["phi_i"] + np.pi * (columns["theta_i"] < 0)))[usable]
@@ -181,7 +193,7 @@ class Measurements:
 
     def select(self, rows: npt.ArrayLike) -> Self:
         """These rows only, by index or mask."""
-        kept = {name: getattr(self, name)[rows] for name in ("theta_i", "theta_o", "delta_phi", "values", "lines")}
+        kept = {name: getattr(self, name)[rows] for name in self._columns}
         return replace(self, **kept)
 
     def one_sided(self) -> bool:

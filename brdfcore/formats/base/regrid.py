@@ -15,6 +15,9 @@ from brdfcore.formats.base.measurements import Measurements
 from brdfcore.tables.scattered.lattice import Policy
 from brdfcore.tables.scattered.table import Scattered
 
+#: Standard uncertainties of a normal distribution in the half-width of its 95 % interval.
+Z95 = 1.96
+
 #: Options of `to_brdf`, which every reader of scattered measurements takes beside its own.
 POLICIES = (
     Parameter(
@@ -92,6 +95,7 @@ def to_brdf(measurements: Measurements, **options: Any) -> Brdf:
         kept.channels,
         bilateral=one_sided or fold,
         policy=policy,
+        instrument=None if kept.uncertainty is None else Z95 * kept.uncertainty,
     )
     table.source = {"name": kept.file, "format": kept.format, "sha256": str(kept.source.get("sha256", ""))}
     table.metadata = {"description": kept.description} if kept.description else {}

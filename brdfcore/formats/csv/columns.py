@@ -27,6 +27,7 @@ class Columns:
     numbers      (n,) line of each row.
     places       index of the column of each role that has one.
     value_places, names   indices of the value columns; the header, [] without.
+    spread_places   indices of the columns of their uncertainties, one a value column; [] without.
     angles, mirror, quantity   "deg" or "rad"; degrees; "f", "f_cos" or "pi_f".
     own_header   whether the header said so itself.
     """
@@ -43,6 +44,7 @@ class Columns:
     separator: str
     header_line: int
     title: str
+    spread_places: list[int]
 
     @property
     def width(self) -> int:
@@ -56,6 +58,17 @@ class Columns:
     def values(self) -> npt.NDArray[np.float64]:
         return self.table[:, self.value_places]
 
+    def uncertainty(self, text: TextFile) -> npt.NDArray[np.float64] | None:
+        """Those columns, finite and not negative, or None."""
+        if not self.spread_places:
+            return None
+        found = self.table[:, self.spread_places]
+        bad = ~(np.isfinite(found) & (found >= 0)).all(axis=1)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            raise text.bad(int(self.numbers[row]), "uncertainty", f"{found[row].tolist()}", "finite numbers >= 0")
+        return found
+
     def value_names(self) -> list[str]:
         if not self.names:
             return ["value"] if len(self.value_places) == 1 else [f"column {k + 1}" for k in self.value_places]
@@ -64,6 +77,7 @@ class Columns:
     def described(self) -> dict[str, str]:
         """{role: name or number of its column} for the report."""
         where = {role: [k] for role, k in self.places.items()} | {"value": self.value_places}
+        where |= {"uncertainty": self.spread_places} if self.spread_places else {}
         return {
             role: " ".join(self.names[k] if self.names else str(k + 1) for k in places)
             for role, places in where.items()
@@ -106,8 +120,14 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
             field=missing[0].partition("=")[0],
             expected=", ".join(missing),
         )
+    spread = []
+    if chosen["uncertainty"] is not None:
+        listed_columns = split_list(chosen["uncertainty"])
+        spread = [_place(text, line, "uncertainty", part, header, len(names)) for part in listed_columns]
+        if len(spread) != len(values):
+            raise text.bad(line, "uncertainty", f"{len(spread)} columns for {len(values)} of values", "one for each")
     rows = lines if numeric else lines[1:]
-    used = sorted({*places.values(), *values})
+    used = sorted({*places.values(), *values, *spread})
     table, numbers = _numbers(text, rows, separator, len(names), used, header)
     _counted(text, comments, len(table))
     return Columns(
@@ -123,6 +143,7 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
         separator=_SEPARATORS[separator],
         header_line=line,
         title=printable(comments[0])[:200] if comments else "",
+        spread_places=spread,
     )
 
 

@@ -56,6 +56,7 @@ class CsvFormat(Format):
         _text("delta_phi", "column of phi_o - phi_i, instead of the azimuths"),
         _text("value", "column of the value, or [several], one a channel"),
         _text("channels", "names or wavelengths (as 550nm) of the value columns, as [R,G,B]; not given: the header's"),
+        _text("uncertainty", "column of the standard uncertainty of the value, in its unit, or [several]"),
         _text("wavelength", "column of the wavelength: each row is one channel of a geometry"),
         Parameter(
             "wavelength_unit", "", "of that column", "nm", kind="choice", choices=("nm", "um"),
@@ -120,6 +121,7 @@ def measurements_of(path: Path, chosen: dict[str, Any]) -> Measurements:
     rows = columns.numbers
     angle = {name: columns.column(name) for name in ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi")}
     values = columns.values()
+    spread = columns.uncertainty(text)
     done: list[str] = []
     degrees = columns.angles == "deg"
     if columns.quantity == "f_cos":
@@ -128,14 +130,15 @@ def measurements_of(path: Path, chosen: dict[str, Any]) -> Measurements:
         if at_horizon.size:
             line = int(rows[at_horizon[0]])
             raise text.bad(line, "theta_o", "f cos(theta_o) at the horizon, where f is 0/0", "theta_o below 90 degrees")
-        values = values / cosine[:, None]
+        values, spread = values / cosine[:, None], None if spread is None else spread / cosine[:, None]
         done.append("values divided by cos(theta_o): the file holds f_r cos(theta_o)")
     elif columns.quantity == "pi_f":
-        values = values / np.pi
+        values, spread = values / np.pi, None if spread is None else spread / np.pi
         done.append("values divided by pi: the file holds pi f_r")
     channels = _channels(text, columns, chosen)
     if chosen["wavelength"] is not None:
         wavelengths = columns.column("wavelength") * (1000 if chosen["wavelength_unit"] == "um" else 1)
+        spread = None if spread is None else _pivoted(text, angle, spread, rows, wavelengths)[1]
         angle, values, rows, channels = _pivoted(text, angle, values, rows, wavelengths)
         done.append(f"rows of {len(channels)} wavelengths joined into one a geometry")
     scale = {"f": 1.0, "f_cos": "1/cos(theta_o)", "pi_f": 1 / np.pi}[columns.quantity]
@@ -166,6 +169,7 @@ def measurements_of(path: Path, chosen: dict[str, Any]) -> Measurements:
         done=done,
         source=text.source,
         description=columns.title,
+        uncertainty=spread,
     )  # fmt: skip
 
 

@@ -29,6 +29,8 @@ LEVEL, SHARE = 0.95, 0.1
 HELD_LEVEL = 0.955
 #: |f_r| below which an error no longer falls with it, relative to the channel's median.
 _FLOOR = 1e-3
+#: Smallest factor of an incidence.
+_LEAST_FACTOR = 0.25
 #: Last bits that a look-up may be off by, whatever the table: of the type of the angles.
 ROUNDING = 8.0
 _KINDS = {"codes": np.uint8, "by_incidence": np.float32, "floors": np.float32, "factors": np.float32}
@@ -171,7 +173,8 @@ def calibrated(
 ) -> LocalError:
     """`learnt` times `factor` (incidences,); the source's `own` relative half-widths (n, channels or 1), at directions
     in the cells `cell` (n,), are added in squares."""
-    by_incidence = np.where(np.isfinite(factor) & (factor > 0), factor, 1.0)
+    # errors far below what codes hold would leave no room for the source's own
+    by_incidence = np.where(np.isfinite(factor), np.maximum(factor, _LEAST_FACTOR), 1.0)
     arrays = {**learnt.arrays, "by_incidence": by_incidence.astype(np.float32)}
     if own is not None:
         wide, count = arrays["codes"].shape[1], np.bincount(cell, minlength=learnt.cells.count)

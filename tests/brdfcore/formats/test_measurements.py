@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import FrozenInstanceError
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -147,3 +148,20 @@ def test_noise_and_symmetries_in_the_report() -> None:
     found = to_brdf(skewed, shape="[12,8,8]").report["bilateral"]
     assert odd + 1 in found["worst pair"]["lines"]
     assert 0.01 < found["defect"] < 0.2
+
+
+def test_the_instrument_s_own_uncertainty_is_added_in_squares(tmp_path: Path) -> None:
+    """A column of standard uncertainties: 1.96 of them, as the fit of a constant is off by next to nothing."""
+    theta_i, theta_o, delta_phi = goniometer.geometries()
+    rows = [f"{i:.9f},{o:.9f},{d:.9f},0.2,0.01" for i, o, d in zip(theta_i, theta_o, delta_phi)]
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(["theta_i_deg,theta_o_deg,delta_phi_deg,f_r_value,sigma", *rows]) + "\n")
+    b = bc.read(path, uncertainty="sigma")
+    i, o, d = np.radians([theta_i[::7], theta_o[::7], delta_phi[::7]])
+    assert b.uncertainty(i, o, d) == pytest.approx(0.0196, rel=0.1)  # a code is 9 %
+    assert (bc.read(path).uncertainty(i, o, d) < 1e-3).all()
+    path.write_text(path.read_text().replace("0.2,0.01\n", "0.2,-1\n", 1))
+    with pytest.raises(bc.FileFormatError, match="line 2, uncertainty"):
+        bc.read(path, uncertainty="sigma")
+    with pytest.raises(bc.FileFormatError, match="2 columns for 1"):
+        bc.read(path, uncertainty="[sigma,f_r_value]")
