@@ -54,6 +54,7 @@ _PUBLIC = {
     "to_radians": "brdfcore.base.conventions",
     "to_rgb": "brdfcore.base.colour",
     "names": None,  # a module: types and lists of choices
+    "atomic": "brdfcore.base.atomic:",  # a module: files written whole or not at all
     "plot": None,  # a package: brdfcore.plot.polar(...)
 }
 
@@ -65,6 +66,7 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.analysis.gloss.gloss import gloss as gloss
     from brdfcore.analysis.pareto.pareto import pareto as pareto
     from brdfcore.analysis.plan.plan import plan as plan
+    from brdfcore.base import atomic as atomic
     from brdfcore.base.brdf import Brdf as Brdf
     from brdfcore.base.catalogue import extensions as extensions
     from brdfcore.base.catalogue import formats as formats
@@ -110,7 +112,10 @@ def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module 'brdfcore' has no attribute {name!r}")
     module = _PUBLIC[name]
-    value = import_module(f"brdfcore.{name}") if module is None else getattr(import_module(module), name)
+    if module is None or module.endswith(":"):  # the name of a module
+        value = import_module(module.rstrip(":") if module else f"brdfcore.{name}")
+    else:
+        value = getattr(import_module(module), name)
     globals()[name] = value
     return value
 

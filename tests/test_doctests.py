@@ -15,7 +15,7 @@ import brdfcore as bc
 HEAVY = ("pareto", "plan", "report", "starter_library")
 #: Kinds of `BrdfError`, whose example is their parent's.
 KINDS = tuple(n for n in bc.__all__ if n.endswith("Error") and n != "BrdfError")
-NAMES = [n for n in bc.__all__ if not n.startswith("__") and n not in (*KINDS, "names", "plot")]
+NAMES = [n for n in bc.__all__ if not n.startswith("__") and n not in (*KINDS, "atomic", "names", "plot")]
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in HEAVY else n for n in NAMES])

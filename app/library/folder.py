@@ -21,7 +21,6 @@ from brdf_service.library.index import Index
 from brdf_service.library.store import NAME, SUFFIXES, ChangedError, File, Kind, Names, Store
 
 import brdfcore as bc
-from brdfcore.base import atomic
 
 try:
     import fcntl
@@ -121,13 +120,13 @@ class Folder(Store):
             path, choice = self.path / f"{name}{suffix}", self._choice(name)
             others = [Path(file.path) for file in expected or () if file.path != str(path)]
             if others:  # killed between the next two steps, `find` still knows which of the two files is meant
-                atomic.write_plain(choice, suffix.encode())
+                bc.atomic.write_plain(choice, suffix.encode())
             try:
                 os.replace(source, path)
             except OSError:
                 choice.unlink(missing_ok=True)
                 raise
-            atomic.flush_folder(self.path)
+            bc.atomic.flush_folder(self.path)
             for other in (*others, choice):
                 other.unlink(missing_ok=True)
             placed = _file(str(path), SUFFIXES[suffix])
@@ -139,12 +138,12 @@ class Folder(Store):
         with self._changing(name, expected):
             for path in (*(Path(file.path) for file in expected or ()), self._choice(name)):
                 path.unlink(missing_ok=True)
-            atomic.flush_folder(self.path)
+            bc.atomic.flush_folder(self.path)
 
     @contextlib.contextmanager
     def scratch(self) -> Iterator[Path]:
         # on the same disk, so that what is finished can be moved
-        path = self.path / f"{_NEW}{secrets.token_hex(4)}.{atomic.host()}.{os.getpid()}.00.tmp"
+        path = self.path / f"{_NEW}{secrets.token_hex(4)}.{bc.atomic.host()}.{os.getpid()}.00.tmp"
         try:
             path.mkdir()
         except OSError as error:
@@ -192,7 +191,7 @@ class Folder(Store):
 
     def clean(self) -> None:
         with contextlib.suppress(OSError):
-            atomic.remove_leftovers(self.path, _NEW, own=True, seconds=UNFINISHED_KEPT)
+            bc.atomic.remove_leftovers(self.path, _NEW, own=True, seconds=UNFINISHED_KEPT)
             for path in self._records.glob(".*"):
                 path.unlink(missing_ok=True)
             for path in self.path.glob(".job-*"):  # of earlier versions

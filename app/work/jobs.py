@@ -23,7 +23,6 @@ from brdf_service.settings import Settings
 from brdf_service.work.subprocesses import Child, rebuilt
 
 import brdfcore as bc
-from brdfcore.base import atomic
 
 log = logging.getLogger("brdf.jobs")
 
@@ -246,7 +245,7 @@ class Jobs:
 
     def _record(self, job: Job) -> None:
         job.recorded = time.monotonic()
-        owner = {"owner": [atomic.host(), os.getpid()]}
+        owner = {"owner": [bc.atomic.host(), os.getpid()]}
         with contextlib.suppress(bc.StorageError):  # it is told of as long as this process lives
             content = json.dumps({**job.to_json(self.ahead(job)), **owner}, default=str)
             self.writer.store.put_record(job.id, content.encode())
@@ -362,7 +361,7 @@ def _read(raw: bytes | None) -> dict[str, Any] | None:
         ended = told["finished"]
         if ended is not None and datetime.fromisoformat(ended).timestamp() < time.time() - KEPT_SECONDS:
             return None
-        if ended is None and host == atomic.host() and not atomic.alive(int(pid)):
+        if ended is None and host == bc.atomic.host() and not bc.atomic.alive(int(pid)):
             text = "the service ended before the job was done; ask for it again"
             told |= {"state": "failed", "problem": {"status": 503, "code": "job_lost", "detail": text}}
     except (ValueError, TypeError, KeyError, AttributeError):

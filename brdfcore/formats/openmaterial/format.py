@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
@@ -240,6 +239,8 @@ class _Reader:
             expected = "ascending theta_i, azimuth, radial"
             raise bad(self.file, f"{KEY}.grid", 0, "is no grid", repr(grid)[:60], expected) from error
         cells, directions = node_rows(*nodes, bilateral=bilateral)
+        from scipy.spatial import cKDTree  # here: a list of formats needs no scipy
+
         away, at = map(np.asarray, cKDTree(directions).query(angles, distance_upper_bound=_NEAR_NODE))
         odd = int((~np.isfinite(away)).sum())
         if odd > _MOST_ODD * len(angles):
