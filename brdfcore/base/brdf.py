@@ -15,6 +15,7 @@ from brdfcore.base.conventions import FloatArray, Outside
 from brdfcore.base.errors import InputError
 from brdfcore.base.geometry import angles_from_vectors
 from brdfcore.base.parameters import shown
+from brdfcore.base.peaks import changes_beside, peaks
 from brdfcore.base.provenance import Provenance, add_in_squares
 from brdfcore.base.quadrature import integrate_hemisphere
 from brdfcore.base.status import weaker
@@ -266,6 +267,7 @@ class Brdf(Provenance, ABC):
                     bilateral=self.bilateral,
                     tolerance=tolerance,
                     budget=budget,
+                    centres=self._centres(float(theta)),
                 )
                 # refining costs tens of milliseconds an angle, and comparing one material with several tables asks
                 # for the same angles each time
@@ -276,15 +278,28 @@ class Brdf(Provenance, ABC):
         shape = (*angles.shape, len(self.channels))
         return values.reshape(shape), errors.reshape(shape)
 
+    def _centres(self, theta_i: float) -> list[tuple[float, float]]:
+        """Directions (theta_o, delta_phi) of lobes elsewhere than at the mirror direction: what an integral must know.
+
+        The light's own, if f_r changes beside it, at any distance from 1e-9 rad up; and the peaks of a scan, for what
+        is no formula.
+        """
+
+        def total(*angles: FloatArray) -> npt.NDArray[np.float64]:
+            with np.errstate(over="ignore", invalid="ignore"):
+                return np.asarray(self.evaluate(*angles).sum(axis=1), np.float64)
+
+        found = [(theta_i, 0.0)] if changes_beside(total, theta_i) else []
+        if not self._analytic:
+            found += [(float(t), float(d)) for t, d in peaks(total, theta_i, bilateral=self.bilateral)]
+        return found
+
     def describe(self) -> dict[str, Any]:
         """JSON-ready facts: channels, flags, metadata."""
         return {
             "channels": self.channels.to_json(),
             "channel_kind": self.channels.kind,
-            "bilateral": self.bilateral,
-            "reciprocal": self.reciprocal,
-            "energy_conserving": self.energy_conserving,
-            "non_negative": self.non_negative,
+            **{flag: getattr(self, flag) for flag in FLAGS},
             "has_delta": self.has_delta,
             "metadata": dict(self.metadata),
         }

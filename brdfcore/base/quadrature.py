@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -15,6 +15,9 @@ Float64Array = npt.NDArray[np.float64]
 
 #: theta_h / horizon at the panel edges of `hemisphere_rule`: from a lobe of roughness 1e-8 to the horizon.
 _GRADED = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 19)])
+
+#: Where boxes end that are cut towards a point, and what is left of them at each cut.
+_FINEST, _SHRINK = 1e-9, 0.2
 
 
 @lru_cache(maxsize=32)
@@ -68,6 +71,7 @@ def integrate_hemisphere(
     bilateral: bool = False,
     tolerance: float = np.inf,
     budget: int = 0,
+    centres: Sequence[tuple[float, float]] = (),
 ) -> tuple[Float64Array, Float64Array]:
     """(int f cos_o dwo, its estimated error), each (channels,), of f(theta_o, delta_phi) -> (n, channels).
 
@@ -75,10 +79,15 @@ def integrate_hemisphere(
     `tolerance` max(1, integral), or `budget` further evaluations are spent. A box is halved across the axis on which
     its last Legendre coefficients are larger; those coefficients, times a power of the rate at which they fall, are
     the estimate: far above the error where f is smooth, about it across a kink.
+
+    centres  directions (theta_o, delta_phi) of lobes elsewhere than at the mirror direction: boxes are halved towards
+             them first, down to 1e-9, as no rule finds what falls between its nodes.
     """
     per_panel = _per_panel(azimuths)
     sides = 2.0 if bilateral else 1.0
     boxes = _first_boxes(theta_i, bilateral)
+    for theta_o, delta_phi in centres:
+        boxes = _towards(boxes, *_box_coordinates(theta_i, theta_o, delta_phi, bilateral))
     values, errors = _integrate(f, theta_i, boxes, points, per_panel)
     spent = 0
     while True:
@@ -117,6 +126,47 @@ def _first_boxes(theta_i: float, bilateral: bool) -> Float64Array:
         pairs = np.concatenate([-pairs[::-1, ::-1], pairs])
     u = np.stack([_GRADED[:-1], _GRADED[1:]], axis=1)
     return np.concatenate([np.tile(u, (pairs.shape[0], 1)), np.repeat(pairs, u.shape[0], axis=0)], axis=1)
+
+
+def _box_coordinates(theta_i: float, theta_o: float, delta_phi: float, bilateral: bool) -> tuple[float, float]:
+    """(u, phi_h) of a direction."""
+    x = np.sin(theta_i) + np.sin(theta_o) * np.cos(delta_phi)
+    y = np.sin(theta_o) * np.sin(delta_phi)
+    phi_h = float(np.arctan2(abs(y) if bilateral else y, x))
+    theta_h = float(np.arctan2(np.hypot(x, y), np.cos(theta_i) + np.cos(theta_o)))
+    return min(theta_h / float(horizon_theta_h(theta_i, np.asarray(phi_h))), 1.0), phi_h
+
+
+def _towards(boxes: Float64Array, u: float, phi: float) -> Float64Array:
+    """`boxes` with those that hold the point cut at it, and then halved towards it down to `_FINEST`."""
+    for start, x in ((0, u), (2, phi)):
+        cut = (boxes[:, start] < x) & (boxes[:, start + 1] > x)
+        low, high = boxes[cut].copy(), boxes[cut].copy()
+        low[:, start + 1] = high[:, start] = x
+        boxes = np.concatenate([boxes[~cut], low, high])
+    point = np.array([u, u, phi, phi])
+    while True:
+        # a corner of each of these is the point
+        corner = ((boxes == point)[:, [0, 1]].any(axis=1)) & ((boxes == point)[:, [2, 3]].any(axis=1))
+        sizes = np.stack([boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2]], axis=1)
+        chosen = np.flatnonzero(corner & (sizes.max(axis=1) > _FINEST))
+        if not chosen.size:
+            return boxes
+        # both axes are cut where they are alike, else the longer one: the far part of each stays as it is
+        new = []
+        for box, size in zip(boxes[chosen], sizes[chosen]):
+            for start in (0, 2):
+                if size[start // 2] < 0.5 * size.max():
+                    continue
+                near_low = box[start] == point[start]
+                edge = box[start] + (_SHRINK if near_low else 1 - _SHRINK) * (box[start + 1] - box[start])
+                far = box.copy()
+                far[start if near_low else start + 1] = edge
+                new.append(far)
+                box = box.copy()
+                box[start + 1 if near_low else start] = edge
+            new.append(box)
+        boxes = np.concatenate([np.delete(boxes, chosen, axis=0), np.stack(new)])
 
 
 def _halved(boxes: Float64Array, across_phi: npt.NDArray[np.bool_]) -> Float64Array:

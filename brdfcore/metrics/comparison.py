@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,17 +11,21 @@ import numpy.typing as npt
 
 from brdfcore.base.brdf import ALBEDO_TOLERANCE, DATA_ALBEDO_TOLERANCE, Brdf
 from brdfcore.base.channels import Channels
-from brdfcore.base.conventions import FloatArray
+from brdfcore.base.conventions import HALF_PI, FloatArray
 from brdfcore.base.directions import mixture
 from brdfcore.base.errors import InputError
 from brdfcore.metrics.estimators import (
+    Estimate,
     cube_root_differences,
+    honest_ratio,
     log_differences,
     log_ratios,
     quantiles,
     ratio,
     root,
 )
+from brdfcore.metrics.incidence import Incidences, floored
+from brdfcore.metrics.lobes import Drawn, Lobes
 from brdfcore.metrics.symmetry import BIAS_ANGLES, symmetry_defects
 
 Float64Array = npt.NDArray[np.float64]
@@ -42,9 +46,12 @@ class Comparison:
 
     l1, l1_stderr
         int |f'-f| c_i c_o / int f c_i c_o, channels summed: the share of the reflected energy that is misplaced, under
-        light from everywhere. Nan if f has no energy, or where a value is not finite. Importance-sampled with the
-        density of the balance heuristic (E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997,
-        section 9.2).
+        light from everywhere. Nan if f has no energy, or where a value is not finite. Drawn where either has its
+        energy (`metrics.lobes`). Where the albedos say that the draws missed a lobe, the standard error is as large as
+        what they missed, and `skipped` says so.
+    by_theta_i
+        the same for light from one angle (`metrics.incidence.Incidences.rows`): theta_i (radians), l1, l1_stderr,
+        albedo_ratio (a list, one a channel).
     rel_l2, rel_l2_stderr
         sqrt(int (f'-f)^2 c_i c_o / int f^2 c_i c_o): dominated by the peak.
     rms_log, rms_log_stderr
@@ -94,6 +101,7 @@ class Comparison:
     rms_cube_root: float = float("nan")
     rms_cube_root_stderr: float = float("nan")
     log_ratio_interval: dict[str, list[float]] = field(default_factory=dict)
+    by_theta_i: list[dict[str, Any]] = field(default_factory=list)
     symmetry: dict[str, dict[str, float]] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
     nbytes: int | None = None
@@ -124,16 +132,20 @@ def compare(
     seed: int = 20_261_122,
     light: Range = WHOLE,
     view: Range = WHOLE,
+    incidences: Incidences | None = None,
 ) -> Comparison:
-    """Every measure at once, on `directions` seeded draws of `directions.mixture`.
+    """Every measure at once: L1 and relative L2 on `directions` draws where the energy is (`metrics.lobes`), the others
+    on as many of `directions.mixture`.
 
     light, view  ranges (from, to) of theta_i and theta_o, radians, that the integrals go over; draws outside are left
                  out, so that a narrow range takes more of them. Albedos and symmetries are those of the whole.
+    incidences   the reference drawn for by angle beforehand, if many candidates are compared with it.
 
     Evaluated in pieces of half a million values. Raises `InputError` if the channels differ and neither is single,
     `directions` is no number of draws, or none of them is within the ranges.
     """
-    channels = len(Channels.common(reference.channels, candidate.channels))
+    common = Channels.common(reference.channels, candidate.channels)
+    channels = len(common)
     drawn = mixture(directions, seed)
     used = drawn.weight > 0
     for name, angle, (low, high) in (("light", drawn.theta_i, light), ("view", drawn.theta_o, view)):
@@ -148,8 +160,8 @@ def compare(
             )
     angles = (drawn.theta_i[used], drawn.theta_o[used], drawn.delta_phi[used])
     weight = drawn.weight[used]
-    # of each pair over its channels: |g - f|, f, (g - f)^2, f^2; squares and number of log differences; of cube roots
-    sums = np.zeros((7, weight.size))
+    # of each pair over its channels: squares and number of log differences; squares of those of cube roots
+    sums = np.zeros((3, weight.size))
     ratios = np.empty(weight.size * channels, np.float32)
     floor, kept, negatives, nan = 0.0, 0, 0, 0
     step = max(_CHUNK // channels, 1)
@@ -160,32 +172,34 @@ def compare(
             if start == 0:
                 floor = _floor(weight[piece], f)
             cos_i = np.cos(angles[0][piece])
-            e = np.abs(g - f)
             logs, cubes = log_differences(f, g, cos_i), cube_root_differences(f, g, cos_i)
             there = ~np.isnan(logs)
-            sums[:4, piece] = e.sum(axis=1), f.sum(axis=1), (e * e).sum(axis=1), (f * f).sum(axis=1)
-            sums[4:, piece] = np.where(there, logs**2, 0).sum(axis=1), there.sum(axis=1), (cubes**2).sum(axis=1)
+            sums[:, piece] = np.where(there, logs**2, 0).sum(axis=1), there.sum(axis=1), (cubes**2).sum(axis=1)
             found = log_ratios(f, g, floor)
             ratios[kept : kept + found.size] = found
         kept += found.size
         negatives += int((g < 0).sum())
         nan += int(np.isnan(g).sum())
     with np.errstate(over="ignore", invalid="ignore"):
-        l1 = ratio(weight, sums[0], sums[1])
-        l2, logs_rms, cubes_rms = (
-            root(ratio(weight, a, b))
-            for a, b in ((sums[2], sums[3]), (sums[4], sums[5]), (sums[6], np.full(weight.size, float(channels))))
+        logs_rms, cubes_rms = (
+            root(ratio(weight, a, b)) for a, b in ((sums[0], sums[1]), (sums[2], np.full(weight.size, float(channels))))
         )
-        energy = float(weight @ sums[3])
     values = weight.size * channels
-    without_log = values - int(sums[5].sum())
+    without_log = values - int(sums[1].sum())
     log_ratio, interval = quantiles(ratios[:kept], -(-kept // channels))
     ratio_count = kept
     del ratios  # the largest array, before the albedos need theirs
+    both = Lobes([reference, candidate], seed)
+    l1, l2, energy = _misplaced(reference, candidate, energy_draws(both, directions, seed, light, view))
+    if incidences is None:
+        incidences = Incidences(reference, common, both, light=light, view=view, seed=seed)
     bias = albedo_bias(reference, candidate)
+    rows = incidences.rows(candidate)
+    missed = floored(rows, bias) if (light, view) == (WHOLE, WHOLE) else 0.0
     return Comparison(
         l1=l1.value,
-        l1_stderr=l1.stderr,
+        l1_stderr=max(l1.stderr, missed),
+        by_theta_i=rows,
         rel_l2=l2.value,
         rel_l2_stderr=l2.stderr,
         rms_log=logs_rms.value,
@@ -201,20 +215,55 @@ def compare(
         values=values,
         delta=_delta_difference(reference, candidate),
         regular=energy != 0,  # nan, where the reference is not finite, is not nothing
-        skipped=_skipped(l1.value, energy, bias, without_log, values - ratio_count, values),
+        skipped=_skipped(l1.value, energy, missed, bias, without_log, values - ratio_count, values),
         directions=directions,
         seed=seed,
     )
 
 
+def energy_draws(lobes: Lobes, directions: int, seed: int, light: Range = WHOLE, view: Range = WHOLE) -> Drawn:
+    """The draws that L1 and relative L2 are estimated on: light cosine-distributed within its range, views about the
+    lobes; weight 0 outside theirs."""
+    rng = np.random.default_rng([seed, 3])
+    low, high = (float(np.sin(min(t, HALF_PI)) ** 2) for t in light)
+    theta_i = np.arcsin(np.sqrt(low + (high - low) * rng.random(directions)))
+    drawn = lobes.draw(theta_i, rng)
+    return replace(drawn, weight=np.where((drawn.theta_o >= view[0]) & (drawn.theta_o <= view[1]), drawn.weight, 0.0))
+
+
+def _misplaced(reference: Brdf, candidate: Brdf, drawn: Drawn) -> tuple[Estimate, Estimate, float]:
+    """L1, relative L2, and the reference's energy."""
+    channels = len(Channels.common(reference.channels, candidate.channels))
+    sums = np.zeros((4, drawn.weight.size))  # of each pair over its channels: |g - f|, f, (g - f)^2, f^2
+    step = max(_CHUNK // channels, 1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for start in range(0, drawn.weight.size, step):
+            piece = slice(start, start + step)
+            angles = [x[piece] for x in (drawn.theta_i, drawn.theta_o, drawn.delta_phi)]
+            f, g = np.broadcast_arrays(*(b.evaluate(*angles) for b in (reference, candidate)))
+            e = np.abs(g - f)
+            sums[:, piece] = e.sum(axis=1), f.sum(axis=1), (e * e).sum(axis=1), (f * f).sum(axis=1)
+        sums[:, drawn.weight == 0] = 0.0  # below the horizon, or not seen: whatever the value there
+        l2 = root(ratio(drawn.weight, sums[2], sums[3]))
+        return honest_ratio(drawn.weight, sums[0], sums[1]), l2, float(drawn.weight @ sums[3])
+
+
 def _skipped(
-    l1: float, energy: float, bias: Mapping[str, list[float]], without_log: int, without_ratio: int, values: int
+    l1: float,
+    energy: float,
+    missed: float,
+    bias: Mapping[str, list[float]],
+    without_log: int,
+    without_ratio: int,
+    values: int,
 ) -> list[str]:
     said = []
     if energy == 0:
         said.append("no regular part: L1 and relative L2 have no meaning, the reference is 0 everywhere")
     elif l1 != l1:
         said.append("L1 can't be told: values are not finite, or the reference's energy sums to 0")
+    if missed > 0:
+        said.append(f"L1 is not known: albedos differ by {missed:.3g} more than the draws found; a lobe was missed")
     dark = [t for t, x in zip(bias["theta_i"], bias["bias"]) if x != x]
     if dark and energy != 0:
         listed = ", ".join(f"{np.degrees(t):.4g}" for t in dark)
