@@ -74,9 +74,7 @@ def cost(table: bc.Table, n: int = 1_000_000) -> float:
     """Time of `uncertainty` over that of `evaluate`, float32, one thread."""
     rng = np.random.default_rng(3)
     angles = [rng.uniform(0, top, n).astype(np.float32) for top in (1.57, 1.57, 3.14)]
-    out = np.empty((n, len(table.channels)), np.float32)
     runs = {"evaluate": lambda: table.evaluate(*angles), "uncertainty": lambda: table.uncertainty(*angles)}
-    del out
     with one_thread():
         found = interleaved(runs, rounds=5)
     return float(found["uncertainty"].median / found["evaluate"].median)
@@ -84,11 +82,11 @@ def cost(table: bc.Table, n: int = 1_000_000) -> float:
 
 def tables(tolerance: float, count: int, names: list[str]) -> None:
     print("95 % intervals of tables: within, uniform and by energy (median half-width / median error); the worst of")
-    print(f"single incidences {INCIDENCES} degrees; part of the bytes; cost in look-ups; seconds to learn")
+    print(f"single incidences {INCIDENCES} degrees; part of the bytes; cost in look-ups")
     sources: list[tuple[str, Any]] = [(n, bc.read(shared.rgl_path(n))) for n in names]
     for name, source in [*sources, *lobes(count, 20_261_201)]:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", bc.ToleranceWarning)
+            warnings.simplefilter("ignore", UserWarning)
             table = bc.tabulate(source, tolerance=tolerance)
         learnt = table.local_error
         assert learnt is not None

@@ -26,7 +26,7 @@ _ZERO_CODE, _PARTS = 200, 8
 #: Part of the errors that an interval holds; part of a table's bytes that intervals may take.
 LEVEL, SHARE = 0.95, 0.1
 #: Part of held-out errors that calibration aims at: one incidence differs from the mean of its range.
-HELD_LEVEL = 0.955
+HELD_LEVEL = 0.96
 #: |f_r| below which an error no longer falls with it, relative to the channel's median.
 _FLOOR = 1e-3
 #: Smallest factor of an incidence.
@@ -132,7 +132,7 @@ def fitting(nbytes: int, channels: int) -> tuple[int, int]:
     room = SHARE * nbytes - 4 * (len(INCIDENCES) + 1 + 2 * channels)
     choices = [(level, wide) for level in range(LEVELS) for wide in sorted({1, channels})]
     # codes of each channel before finer cells: channels differ more within a cell than neighbouring cells do
-    fits = [(wide > 1 and level > 1, level, wide) for level, wide in choices if cells(level).count * wide <= room]
+    fits = [(wide > 1 and level > 2, level, wide) for level, wide in choices if cells(level).count * wide <= room]
     _, level, wide = max(fits, default=(False, 0, 1))
     return level, wide
 

@@ -32,6 +32,8 @@ Progress = Callable[[int, int, str], None]
 #: theta_i nodes of a stored delta part, a quarter of a degree apart whatever the grid: Fresnel's reflectance between
 #: them is good to 1e-4 (glass) to 2e-3 (an index of 1.01), but for the kink of total reflection.
 DELTA_NODES = 361
+#: Pairs of directions whose values wait at a time, while their half-widths are found: they stay in a cache.
+_PAIRS_AT_ONCE = 65_536
 #: A delta reflectance may pass 1 by this much: rounding.
 _DELTA_SLACK = 1e-9
 
@@ -157,14 +159,18 @@ class Table(Brdf):
                 got=None,
                 expected="a table made by this version",
             )
-        values = np.empty_like(out)
-        if not self._evaluate(theta_i, theta_o, delta_phi, values):
-            return False
-        if self.local_error is None:
-            rounding = max(ROUNDING * float(np.finfo(out.dtype).eps), self.NODES_ROUNDED)
-            np.multiply(np.abs(values), out.dtype.type(rounding), out=out)
-        else:
-            self.local_error.half_widths(theta_i, theta_o, delta_phi, values, out)
+        some = np.empty((min(len(out), _PAIRS_AT_ONCE), out.shape[1]), out.dtype)
+        for start in range(0, len(out), _PAIRS_AT_ONCE):
+            angles = [a[start : start + _PAIRS_AT_ONCE] for a in (theta_i, theta_o, delta_phi)]
+            width = out[start : start + _PAIRS_AT_ONCE]
+            values = some[: len(width)]
+            if not self._evaluate(angles[0], angles[1], angles[2], values):
+                return False
+            if self.local_error is None:
+                rounding = max(ROUNDING * float(np.finfo(out.dtype).eps), self.NODES_ROUNDED)
+                np.multiply(np.abs(values), out.dtype.type(rounding), out=width)
+            else:
+                self.local_error.half_widths(angles[0], angles[1], angles[2], values, width)
         return True
 
     @property

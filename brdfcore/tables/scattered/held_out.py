@@ -24,6 +24,8 @@ _PARTS, _SEED = 5, 20_261_202
 _MOST, _AROUND = 2_000, 16
 #: Neighbours whose mean error a half-width goes by, places in each cell, and geometries that calibrate an incidence.
 _NEIGHBOURS, _EACH, _CALIBRATE = 10, 3, 100
+#: Level of the cells: finer ones than measurements lie are of no use.
+_FINEST = 3
 #: |f_r| below which an error no longer falls with it, relative to the median and to the mean.
 _FLOORS = 0.03, 1e-3
 #: Residuals are given back unless predictions become worse by this factor: 1.12 where they are noise alone.
@@ -125,7 +127,7 @@ def half_widths(
     factors = np.where(factors > 0, factors, relative.mean(axis=0) + 1e-300)
     factors = factors / factors.mean()
     relative = relative / factors
-    level = min(fitting(nbytes, 1)[0], 2)
+    level = min(fitting(nbytes, 1)[0], _FINEST)
     c = cells(level)
     known = Coverage(coverage.angles[found.rows], coverage.gap, coverage.bilateral)
     at = known.angles

@@ -150,6 +150,8 @@ def test_eval_prints_what_python_computes(run: Run) -> None:
     rows = [line.split(",") for line in run(*typed, "--csv", "--status")[1].splitlines()]
     assert [float(r[3]) for r in rows[1:]] == expected[:, 0].tolist()
     assert [r[4] for r in rows] == ["status", "measured", "measured"]
+    rows = [line.split(",") for line in run(*typed, "--csv", "--uncertainty")[1].splitlines()]
+    assert [r[4] for r in rows] == ["u_value", "0.0", "0.0"]  # a formula
 
 
 def test_eval_in_radians(run: Run) -> None:
