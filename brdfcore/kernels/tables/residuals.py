@@ -64,6 +64,24 @@ def buckets_of(points, reach, starts, members, fill):
     return 0
 
 
+@inline
+def _weight(i, o, near, mirror, side, points, k, r, two_sided):
+    """w_k of a pair of directions; most are out of reach in the first coordinate."""
+    d = abs(i - points[k, 0])
+    if d >= r:
+        return 0.0
+    d = max(d, abs(o - points[k, 1]))
+    if d >= r:
+        return 0.0
+    d = max(d, max(abs(near - points[k, 2]), abs(mirror - points[k, 3])))
+    if two_sided:
+        d = max(d, abs(side - points[k, 4]))
+    if d >= r:
+        return 0.0
+    d = max(d, _SAME)
+    return ((r - d) / d) ** 2
+
+
 @kernel
 def add_residuals(theta_i, theta_o, delta_phi, out, starts, members, points, reach, residuals, two_sided, lowest):
     """Give the residuals (k, channels) back to values (n, channels), which stay at or above `lowest`."""
@@ -71,26 +89,17 @@ def add_residuals(theta_i, theta_o, delta_phi, out, starts, members, points, rea
     for n in prange(theta_i.size):
         i, o, near, mirror, side = coordinates(theta_i[n], theta_o[n], delta_phi[n])
         place = (_bucket(i, _PER_RADIAN) * BUCKETS + _bucket(o, _PER_RADIAN)) * BUCKETS + _bucket(near, _PER_CHORD)
+        first, last = starts[place], starts[place + 1]
         total = 1.0
-        for m in range(starts[place], starts[place + 1]):
+        for m in range(first, last):
             k = members[m]
-            d = max(abs(i - points[k, 0]), abs(o - points[k, 1]), abs(near - points[k, 2]), abs(mirror - points[k, 3]))
-            if two_sided:
-                d = max(d, abs(side - points[k, 4]))
-            if d < reach[k]:
-                d = max(d, _SAME)
-                total += ((reach[k] - d) / d) ** 2
+            total += _weight(i, o, near, mirror, side, points, k, reach[k], two_sided)
         if total > 1.0:
-            for m in range(starts[place], starts[place + 1]):
+            for m in range(first, last):
                 k = members[m]
-                d = max(
-                    abs(i - points[k, 0]), abs(o - points[k, 1]), abs(near - points[k, 2]), abs(mirror - points[k, 3])
-                )
-                if two_sided:
-                    d = max(d, abs(side - points[k, 4]))
-                if d < reach[k]:
-                    d = max(d, _SAME)
-                    w = ((reach[k] - d) / d) ** 2 / total
+                w = _weight(i, o, near, mirror, side, points, k, reach[k], two_sided)
+                if w > 0.0:
+                    w /= total
                     for s in range(channels):
                         out[n, s] += w * residuals[k, s]
             for s in range(channels):

@@ -14,8 +14,8 @@ from brdfcore.base.conventions import FloatArray
 
 Float64Array = npt.NDArray[np.float64]
 
-#: Residuals reach as far as the third neighbour, and half as far again: neighbours of a scan share them.
-_NEIGHBOUR, _BEYOND = 3, 1.5
+#: Residuals reach as far as the third neighbour, so that neighbours of a scan share them, times this.
+_NEIGHBOUR, _BEYOND = 3, 1.0
 #: No residual reaches farther, rad.
 LONGEST_REACH = 0.3
 _NAMES = ("kept", "residuals", "reach")
