@@ -10,6 +10,7 @@ import asyncio
 import logging
 import os
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from queue import LifoQueue
@@ -27,8 +28,10 @@ log = logging.getLogger("brdf.service")
 
 #: Bytes of pictures that are kept: the start page shows the same ones to everybody.
 KEPT_BYTES = 16 * 2**20
-#: Pictures that may wait to be drawn; a start page shows 24. Each takes a twentieth of a second, a sphere a quarter.
-WAITING = 256
+#: Seconds that a picture takes, before any was drawn: a twentieth, a sphere a quarter. A start page shows 24.
+FIRST_SECONDS = 0.08
+#: Weight of the last picture in the mean of their times.
+_WEIGHT = 0.1
 #: Seconds for which a caller waits: then the picture is still to be drawn, or it is drawn for who asks again.
 LONGEST_WAIT = 2.7
 #: Seconds that one picture may take; the largest takes about one.
@@ -51,6 +54,8 @@ class Drawing:
         """`apart`: in processes, which start with the first pictures; else in a thread."""
         self._kept: LRUCache[str, bytes] = LRUCache(KEPT_BYTES, getsizeof=len)
         self._making: dict[str, asyncio.Task[bytes]] = {}
+        #: Mean of the seconds that pictures take.
+        self._seconds = FIRST_SECONDS
         # matplotlib's font cache and lock are shared by all figures of a process: two at once are no faster, and would
         # take the threads that evaluate needs
         self._workers = [_Worker() for _ in range(PROCESSES if apart else 1)]
@@ -79,10 +84,11 @@ class Drawing:
             return held
         task = self._making.get(etag)
         if task is None:
-            waiting = len(self._making)
-            if waiting >= WAITING:
+            # whoever would wait in vain is refused at once: a picture that comes too late is drawn for nobody
+            waiting, most = len(self._making), int(LONGEST_WAIT * len(self._workers) / self._seconds)
+            if waiting >= max(most, 1):
                 text = f"{waiting} pictures wait to be drawn already; try again later"
-                raise BusyError("too_many_pictures", text, got=waiting, limit=WAITING, retry_after=_RETRY)
+                raise BusyError("too_many_pictures", text, got=waiting, limit=most, retry_after=_RETRY)
             task = self._making[etag] = asyncio.create_task(self._made(etag, make))
             # an error of which all who waited have gone away is no news for the log
             task.add_done_callback(lambda done: done.cancelled() or done.exception())
@@ -98,7 +104,9 @@ class Drawing:
             async with asyncio.timeout(LONGEST_WAIT):  # nobody waits any longer for its turn
                 await self._seats.acquire_on_behalf_of(etag)
             try:
+                begun = time.monotonic()
                 made = await run_sync(make)
+                self._seconds += _WEIGHT * (time.monotonic() - begun - self._seconds)
             finally:
                 self._seats.release_on_behalf_of(etag)
             keep(self._kept, etag, made)

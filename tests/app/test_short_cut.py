@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from brdf_service.main import create_app
-from brdf_service.server.hotpath import EvaluateShortCut
+from brdf_service.routes.evaluate import EvaluateShortCut
 from brdf_service.settings import Settings
 from hypothesis import given
 from hypothesis import strategies as st
