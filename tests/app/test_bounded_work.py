@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gzip
 import json
+import socket
 import threading
 import time
 from pathlib import Path
@@ -18,6 +20,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.testclient import TestClient
 
 from tests.app.conftest import Serve, assert_problem
+from tests.app.running import running
 
 WIDE = {"model": "lambert", "parameters": {"reflectance": [0.1 + 0.8 * k / 10_000 for k in range(10_000)]}}
 
@@ -127,3 +130,31 @@ def test_models_count_for_what_they_weigh(data: Path, serve: Serve) -> None:
     library = client.app.state.brdf.library  # type: ignore[attr-defined]
     assert library.loaded < 25
     assert library.loaded_bytes <= 200_000
+
+
+@pytest.mark.slow
+def test_a_process_that_is_to_end_ends(tmp_path: Path) -> None:
+    """Within its drain and a second, though a projection of many channels runs; and before, that stops without its
+    client."""
+    values = [0.1 + 0.8 * k / 240 for k in range(240)]
+    (tmp_path / "busy.json").write_text(json.dumps({"model": "lambert", "parameters": {"reflectance": values}}))
+    (tmp_path / "white.json").write_text('{"model": "lambert"}')
+    with running(tmp_path, "--no-starter", "--log-level", "warning", BRDF_DRAIN_SECONDS="1") as service:
+        while service.ask("/health/ready").status != 200:
+            time.sleep(0.2)
+
+        def ask(seconds: float) -> None:
+            with socket.create_connection(("127.0.0.1", service.port), seconds) as connection:
+                connection.sendall(b"GET /v1/materials/busy/harmonics?lmax=32 HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n")
+                with contextlib.suppress(OSError):
+                    connection.recv(100)
+
+        ask(1.0)  # and gone
+        begun = time.monotonic()
+        assert service.ask("/v1/materials/white/harmonics?lmax=2").status == 200  # it waits for that seat
+        assert time.monotonic() - begun < 15
+        threading.Thread(target=ask, args=(60.0,), daemon=True).start()
+        time.sleep(1)
+        begun = time.monotonic()
+        assert service.stop()[0] == 0
+        assert time.monotonic() - begun < 6
