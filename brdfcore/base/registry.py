@@ -80,6 +80,7 @@ REPRESENTATIONS = Registry(
     "representation",
     {
         "angle_grid": "brdfcore.tables.angle_grid:AngleGrid",
+        "lobe_grid": "brdfcore.tables.lobe_grid:LobeGrid",
         "half_difference": "brdfcore.tables.half_difference:HalfDifference",
         "vndf_warp": "brdfcore.tables.vndf_warp:VndfWarp",
         "harmonic": "brdfcore.harmonics.expansion:HarmonicExpansion",

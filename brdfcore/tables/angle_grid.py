@@ -34,14 +34,11 @@ from brdfcore.tables.base.table import (
     BuildOptions,
     Progress,
     checked_delta,
-    expected_time,
     sampled_delta,
 )
 
-#: Nodes of theta that `candidates` tries: 2 degrees to half a degree; delta_phi gets twice as many cells.
-LADDER = (46, 91, 136, 181)
-#: A grid refined from the first to the last step of the ladder gains at most its square (linear interpolation).
-_LARGEST_GAIN = ((LADDER[-1] - 1) / (LADDER[0] - 1)) ** 2
+#: Nodes of theta that `candidates` tries: 11 degrees to half a degree; delta_phi gets twice as many cells.
+LADDER = (9, 13, 19, 28, 46, 64, 91, 136, 181)
 #: Part of a cell by which the node at the horizon is sampled above it; see `_sampled_theta`.
 GRAZING_INSET = 0.25
 #: theta_i, degrees, at which a table built from an energy conserving source is checked.
@@ -158,9 +155,9 @@ class AngleGrid(SampledTable):
     def candidates(cls, source: Brdf, options: BuildOptions, max_bytes: int | None) -> Iterable[BuildOptions]:
         turns = 1 if source.bilateral or "bilateral" in options.fold else 2
         ladder: Iterable[int] = LADDER
+        each = 4 * len(source.channels)
+        beside = 8 * DELTA_NODES * len(source.channels) if source.has_delta else 0
         if max_bytes is not None:
-            each = 4 * len(source.channels)
-            beside = 8 * DELTA_NODES * len(source.channels) if source.has_delta else 0
             room = min(max_bytes - beside, 4 * _MOST_VALUES)
             # n x n x (2 n - 1) nodes, the largest n that fits
             n = max(2, int((max(room, 1) / (each * 2 * turns)) ** (1 / 3)) + 1)
@@ -168,12 +165,7 @@ class AngleGrid(SampledTable):
                 n -= 1
             ladder = (n,)
         shapes = [(n, n, turns * 2 * (n - 1) + 1) for n in ladder]
-        each = 4 * len(source.channels)
-        return [replace(options, shape=s, time=expected_time(1.0, each * s[0] * s[1] * s[2])) for s in shapes]
-
-    @classmethod
-    def worth_refining(cls, l1: float, tolerance: float) -> bool:
-        return l1 <= tolerance * _LARGEST_GAIN
+        return [replace(options, shape=s, nbytes=each * s[0] * s[1] * s[2] + beside) for s in shapes]
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         return self._with_delta({"values": self.values})

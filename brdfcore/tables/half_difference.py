@@ -11,29 +11,20 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Self
 
-import numpy as np
-import numpy.typing as npt
-
 from brdfcore.base.brdf import Brdf
-from brdfcore.base.conventions import FloatArray
-from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import Parameter
-from brdfcore.metrics import ALBEDO_SLACK
-from brdfcore.tables.base.half_fit import Fitter, Layout, shape_for
-from brdfcore.tables.base.half_lattice import HalfLattice, lattice_arrays, steps_z
+from brdfcore.tables.base.folding import folded_sample, folds
+from brdfcore.tables.base.half_fit import Fitter, shape_for
+from brdfcore.tables.base.half_lattice import HalfLattice, check_linear, check_shape, steps_z
+from brdfcore.tables.base.layout import Layout
 from brdfcore.tables.base.table import (
     DELTA_NODES,
     BuildOptions,
     Progress,
-    expected_time,
-    sampled_delta,
 )
 
 #: Nodes a channel that `candidates` tries for a tolerance.
-LADDER = (8_000, 24_000, 64_000, 128_000, 256_000, 512_000)
-#: Time of a look-up against an angle grid's, both in the caches: 1.2 (three channels) to 1.8 (one).
-_TIME = 1.8
-_ENERGY_ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 85.0, 89.0)
+LADDER = (500, 1_000, 2_000, 4_000, 8_000, 16_000, 32_000, 64_000, 128_000, 256_000, 512_000)
 
 
 class HalfDifference(HalfLattice):
@@ -73,107 +64,36 @@ class HalfDifference(HalfLattice):
     @classmethod
     def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
         """Fit nodes to `source`; see `tables.base.half_fit` and `Table.build`."""
-        if options.interpolation != "linear":
-            raise InputError(
-                "bad_option",
-                f"interpolation = {options.interpolation!r}: half_difference offers 'linear'",
-                where="interpolation",
-                got=options.interpolation,
-                expected="linear",
-            )
-        bilateral, reciprocal = _folds(source, options)
+        check_linear(cls.name, options.interpolation)
+        bilateral, reciprocal = folds(source, options)
         fold_reciprocal = reciprocal and bilateral  # a quarter turn is only stored of a table that is both
-        shape = options.shape or shape_for(LADDER[3], bilateral, fold_reciprocal)[0]
-        if len(shape) != 3 or min(shape) < 3 or np.prod([float(n) for n in shape]) * len(source.channels) >= 2**31:
-            raise InputError(
-                "bad_shape",
-                f"shape = {list(shape)}: expected 3 numbers of nodes (theta_h, theta_d, phi_d), each at least 3, "
-                "with fewer than 2^31 values in all",
-                where="shape",
-                got=list(shape),
-                expected="3 whole numbers >= 3",
-            )
-
+        shape = options.shape or shape_for(128_000, bilateral, fold_reciprocal)[0]
+        check_shape(shape, "theta_h, theta_d, phi_d", len(source.channels))
         fitter, layout = (options.prepared or _prepared(source, options))(progress)
-        told = None if progress is None else lambda done, total: progress(done, total, "fitting the nodes")
-        nodes = fitter.nodes(layout, (shape[0], shape[1], shape[2]), told)
-        done = [f"averaged over the {name} symmetry, as asked" for name in sorted(options.fold)]
-        negative = int((nodes < 0).sum())
-        if negative and (options.negatives == "zero" or source.non_negative):
-            nodes = np.maximum(nodes, 0)  # a fit may dip below a source that does not
-            if not source.non_negative:
-                done.append(f"{negative} negative nodes set to zero, as asked")
-        arrays, scale, guide = lattice_arrays(nodes, layout)
-        flags = {
-            "bilateral": bilateral,
-            "reciprocal": fold_reciprocal and layout.factor in ("sum", "both", "none"),
-            "energy_conserving": source.energy_conserving,
-            "non_negative": bool((arrays["values"] >= 0).all()),
-        }
-        table = cls(
-            arrays,
-            scale,
-            guide,
-            layout.factor,
-            layout.mirror,
-            source.channels,
-            flags,
-            sampled_delta(source),
-            options.seen,
-        )
-        if flags["energy_conserving"]:
-            table.energy_conserving = bool((table.albedo(np.radians(_ENERGY_ANGLES)) <= 1 + ALBEDO_SLACK).all())
-        table.source = dict(getattr(source, "source", {}) or {"name": "", "format": "", "sha256": ""})
-        table.report = {**source.report, "done": [*source.report.get("done", []), *done]}
-        return table
+        return cls.fitted(source, options, fitter, layout, shape, bilateral, fold_reciprocal, progress)
 
     @classmethod
     def candidates(cls, source: Brdf, options: BuildOptions, max_bytes: int | None) -> Iterable[BuildOptions]:
-        bilateral, reciprocal = _folds(source, options)
+        bilateral, reciprocal = folds(source, options)
         reciprocal = reciprocal and bilateral
         options = replace(options, prepared=options.prepared or _prepared(source, options))
+        beside = 2 * (2 * 1281 + 2 * 321 + 1 + steps_z(bilateral, reciprocal)) + (
+            DELTA_NODES * 8 * len(source.channels) if source.has_delta else 0
+        )
         if max_bytes is None:
             shapes = [shape_for(n, bilateral, reciprocal)[0] for n in LADDER]
         else:
-            beside = 2 * (2 * 1281 + 2 * 321 + 1 + steps_z(bilateral, reciprocal)) + (
-                DELTA_NODES * 8 * len(source.channels) if source.has_delta else 0
-            )
             nodes = max((max_bytes - beside) // (2 * len(source.channels)), 64)
             shapes = shape_for(nodes, bilateral, reciprocal)
         each = 2 * len(source.channels)
-        return [replace(options, shape=s, time=expected_time(_TIME, each * s[0] * s[1] * s[2])) for s in shapes]
-
-
-def _folds(source: Brdf, options: BuildOptions) -> tuple[bool, bool]:
-    """(bilateral, reciprocal) of the table: what the source has, and what was asked for."""
-    return source.bilateral or "bilateral" in options.fold, source.reciprocal or "reciprocal" in options.fold
+        return [replace(options, shape=s, nbytes=each * s[0] * s[1] * s[2] + beside) for s in shapes]
 
 
 def _prepared(source: Brdf, options: BuildOptions) -> Callable[[Progress | None], tuple[Fitter, Layout]]:
     """The source as the table will see it, folds applied, and where its nodes belong: found when first asked for."""
-    bilateral, reciprocal = _folds(source, options)
+    bilateral, reciprocal = folds(source, options)
+    sample = folded_sample(source, bilateral, reciprocal)
     found: list[tuple[Fitter, Layout]] = []
-
-    def sample(theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.float64]:
-        f = source.evaluate(theta_i, theta_o, delta_phi)
-        if bilateral and not source.bilateral:
-            f = 0.5 * (f + source.evaluate(theta_i, theta_o, -delta_phi))
-        if reciprocal and not source.reciprocal:
-            g = source.evaluate(theta_o, theta_i, -delta_phi)
-            if bilateral and not source.bilateral:
-                g = 0.5 * (g + source.evaluate(theta_o, theta_i, delta_phi))
-            f = 0.5 * (f + g)
-        if not np.isfinite(f).all():
-            k = int(np.argwhere(~np.isfinite(f))[0][0])
-            degrees = [round(float(np.degrees(a[k])), 6) for a in (theta_i, theta_o, delta_phi)]
-            raise InputError(
-                "source_not_finite",
-                f"the source is not finite at theta_i, theta_o, delta_phi = {degrees} degrees",
-                where="source",
-                got=degrees,
-                expected="finite values",
-            )
-        return f.astype(np.float64, copy=False)
 
     def prepared(progress: Progress | None) -> tuple[Fitter, Layout]:
         if not found:

@@ -58,8 +58,9 @@ class SpecularGrid(Table):
 
     With S the mirror direction of wi: distance r = angle(wo, S); azimuth 0 from S towards the normal (for theta_i = 0,
     towards wi's azimuth), counter-clockwise seen from outside, so that 0 < delta_phi < pi has 0 < azimuth < pi.
-    Between nodes of theta_i the product f c_i c_o is interpolated at equal r and azimuth, each slice with the cosines
-    of its own directions there, none below `mirror_coordinates.LEAST_COSINE`; along r and azimuth f itself. Beyond the
+    Between nodes of theta_i f is a mean at equal r and azimuth, each slice weighed also by the cosines c_i c_o of its
+    own directions there, none below `mirror_coordinates.LEAST_COSINE`: what reflects more light counts more, and what
+    is constant is held exactly. Along r and azimuth f itself is interpolated. Beyond the
     first and last theta_i the nearest slice is continued. At theta_i = 0, where azimuth has no meaning, the slice is
     constant in it.
 
@@ -80,6 +81,7 @@ class SpecularGrid(Table):
         Parameter("shape", "", "nodes of theta_i, azimuth over half a turn, distance", "28,19,40", kind="text"),
         Parameter("interpolation", "", "between the nodes", "linear", kind="choice", choices=("linear",)),
     )
+    EVALUATION_VERSION = 2
     #: For exchange: at equal size and speed `half_difference` is better.
     FOR_AUTO: ClassVar[bool] = False
 
@@ -110,18 +112,17 @@ class SpecularGrid(Table):
     def _looked_up(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
         azimuth, radial = about_mirror(theta_i, theta_o, delta_phi)
         (k, u), (a, v), (r, w) = self._places(theta_i, azimuth, radial)
-        inside = np.clip(theta_i, self.theta_i[0], self.theta_i[-1])
-        here = slice_cosines(inside, azimuth, radial)
         flat = self.values.reshape(-1, self.values.shape[3])
         n_a, n_r = self.values.shape[1:3]
-        found = np.zeros((theta_i.size, flat.shape[1]))
+        found, total = np.zeros((theta_i.size, flat.shape[1])), np.zeros(theta_i.size)
         for slice_, share in ((k, 1 - u), (np.minimum(k + 1, self.theta_i.size - 1), u)):
             node = (slice_ * n_a + a) * n_r + r
             low = flat[node] + w[:, None] * (flat[node + 1] - flat[node])
             high = flat[node + n_r] + w[:, None] * (flat[node + n_r + 1] - flat[node + n_r])
-            ratio = slice_cosines(self.theta_i[slice_], azimuth, radial) / here
-            found += (share * ratio)[:, None] * (low + v[:, None] * (high - low))
-        return found
+            weight = share * slice_cosines(self.theta_i[slice_], azimuth, radial)
+            found += weight[:, None] * (low + v[:, None] * (high - low))
+            total += weight
+        return found / total[:, None]
 
     def _places(
         self, theta_i: Float64Array, azimuth: Float64Array, radial: Float64Array

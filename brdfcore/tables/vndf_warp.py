@@ -161,6 +161,11 @@ class VndfWarp(Table):
         table.metadata = dict(source.metadata)
         return table
 
+    @property
+    def incidence_knots(self) -> Float32Array:
+        """theta_i between which it is all but linear, radians."""
+        return self._arrays["theta_i"]
+
     @cached_property
     def _scales(self) -> dict[np.dtype[Any], Any]:
         from brdfcore.kernels.tables.warp import warp_scale

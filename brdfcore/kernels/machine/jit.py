@@ -109,6 +109,18 @@ def merged(function: AnyFunction) -> Any:
     return numba.njit(nogil=True, inline="always", error_model="numpy")(function)
 
 
+def with_names(function: AnyFunction, names: dict[str, Any]) -> AnyFunction:
+    """A function of the same code that finds `names` where it looks for global ones: a loop over other helpers.
+
+    `names` has to hold all that the function reads, and `__name__`, under which the result is cached.
+    """
+    made = types.FunctionType(function.__code__, names, function.__name__, function.__defaults__)
+    made.__module__ = names["__name__"]
+    # numba's cache goes by the file of the code and the qualified name: another name, or one loads the other's kernel
+    made.__qualname__ = f"{names['__name__'].rpartition('.')[2]}.{function.__qualname__}"
+    return made
+
+
 def _compile(function: AnyFunction, *, parallel: bool) -> Any:
     # numba's cache is keyed by module, qualified name and line, and by the kernel's own file: without a name of
     # its own the parallel version would be loaded where the serial one was asked for, and without the hash of the

@@ -191,7 +191,7 @@ def coordinates_numpy(
     delta_phi: FloatArray,
     bilateral: bool,
     reciprocal: bool,
-    mirror: bool = False,
+    mirror: int = 0,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """(u, w, z) by library functions in float64: the twin of `from_angles`, and what tables are built with."""
     a, b = (np.minimum(np.asarray(t, np.float64), HALF_PI) for t in (theta_i, theta_o))

@@ -336,7 +336,7 @@ def half_numpy(
         inside = (theta_i >= 0) & (theta_i <= scale.theta_max) & (theta_o >= 0) & (theta_o <= scale.theta_max)
         inside &= np.abs(delta_phi) <= DELTA_PHI_DIRECT
     a, b, c = (np.where(inside, angle, 0).astype(np.float64) for angle in (theta_i, theta_o, delta_phi))
-    u, w, z = coordinates_numpy(a, b, c, bilateral, fold, bool(scale.mirror))
+    u, w, z = coordinates_numpy(a, b, c, bilateral, fold, int(scale.mirror))
     n_h = values.size * a.size // (out.size * n_d * n_p)
     words = np.interp(u, grid_u(), guide_h.astype(np.float64)) + np.interp(w, grid_w(), guide_d.astype(np.float64))
     exponent = words * float(scale.guide_step) + float(scale.guide_low)

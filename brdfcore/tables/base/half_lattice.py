@@ -7,19 +7,29 @@ DOI 10.1007/978-3-7091-6453-2_2). How the nodes are found is each representation
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.base.brdf import Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
-from brdfcore.base.errors import FileFormatError
-from brdfcore.tables.base.half_fit import FACTORS, Layout
+from brdfcore.base.errors import FileFormatError, InputError
+from brdfcore.metrics import ALBEDO_SLACK
+from brdfcore.tables.base.half_fit import Fitter
+from brdfcore.tables.base.layout import FACTORS, STEPS_Z, Layout
 from brdfcore.tables.base.seen import EVERYWHERE, Seen
-from brdfcore.tables.base.table import Table, checked_delta, interpolated_delta
+from brdfcore.tables.base.table import (
+    BuildOptions,
+    Progress,
+    Table,
+    checked_delta,
+    interpolated_delta,
+    sampled_delta,
+)
 
 #: Largest magnitude of a stored node: below float16's 65,504, so that rounding can't reach infinity.
 _LARGEST = 60_000.0
@@ -31,6 +41,8 @@ _ARRAYS: dict[str, npt.DTypeLike] = {
     "map_d": np.uint16,
     "map_p": np.uint16,
 }
+#: theta_i, degrees, at which a table built from an energy conserving source is checked.
+_ENERGY_ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 85.0, 89.0)
 #: Bounds of the attributes that are numbers; the guide's exponents stay within float32's.
 _NUMBERS = {"scale": (1e-30, 1e30), "guide_low": (-75.0, 75.0), "guide_step": (0.0, 61.0 / 65_535)}
 
@@ -51,7 +63,7 @@ class HalfLattice(Table):
         scale: float,
         guide: tuple[float, float],
         factor: str,
-        mirror: bool,
+        mirror: int,
         channels: Channels,
         flags: Mapping[str, bool],
         delta: npt.NDArray[np.float64] | None = None,
@@ -70,22 +82,26 @@ class HalfLattice(Table):
             *(self.arrays[name] for name in ("guide_h", "guide_d", "map_h", "map_d", "map_p")),
         )
 
+    @staticmethod
+    def _module() -> tuple[Any, Any]:
+        """The kernels' module, and what makes their constants."""
+        from brdfcore.kernels.tables import half_difference
+
+        return half_difference, half_difference.table_scale
+
     @cached_property
     def _scales(self) -> dict[np.dtype[Any], Any]:
-        from brdfcore.kernels.tables.half_difference import table_scale
-        from brdfcore.tables.base.half_fit import STEPS_Z
 
-        shape, factor = self.arrays["values"].shape[:3], FACTORS[self.factor]
+        shape, factor, make = self.arrays["values"].shape[:3], FACTORS[self.factor], self._module()[1]
         return {
-            np.dtype(t): table_scale(shape, STEPS_Z, self.guide, factor, self.mirror, 1 / self.scale, self.bilateral, t)
+            np.dtype(t): make(shape, STEPS_Z, self.guide, factor, self.mirror, 1 / self.scale, self.bilateral, t)
             for t in (np.float32, np.float64)
         }
 
     @cached_property
     def _kernels(self) -> tuple[Any, Any]:
         """From angles, from vectors."""
-        from brdfcore.kernels.tables import half_difference as kernels
-
+        kernels = self._module()[0]
         one, three = (kernels.angles_one, kernels.vectors_one), (kernels.angles_three, kernels.vectors_three)
         return {1: one, 3: three}.get(len(self.channels), (kernels.angles_many, kernels.vectors_many))
 
@@ -111,6 +127,53 @@ class HalfLattice(Table):
             return super()._delta_reflectance(theta_i)
         return interpolated_delta(self.delta, theta_i)
 
+    # ---- build --------------------------------------------------------------------------------
+
+    @classmethod
+    def fitted(
+        cls,
+        source: Brdf,
+        options: BuildOptions,
+        fitter: Fitter,
+        layout: Layout,
+        shape: Sequence[int],
+        bilateral: bool,
+        reciprocal: bool,
+        progress: Progress | None,
+    ) -> Self:
+        """A table of this shape, its nodes fitted to `source`; `reciprocal`: folded so."""
+        told = None if progress is None else lambda done, total: progress(done, total, "fitting the nodes")
+        nodes = fitter.nodes(layout, (shape[0], shape[1], shape[2]), told)
+        done = [f"averaged over the {name} symmetry, as asked" for name in sorted(options.fold)]
+        negative = int((nodes < 0).sum())
+        if negative and (options.negatives == "zero" or source.non_negative):
+            nodes = np.maximum(nodes, 0)  # a fit may dip below a source that does not
+            if not source.non_negative:
+                done.append(f"{negative} negative nodes set to zero, as asked")
+        arrays, scale, guide = lattice_arrays(nodes, layout)
+        flags = {
+            "bilateral": bilateral,
+            "reciprocal": reciprocal and layout.factor in ("sum", "both", "none"),
+            "energy_conserving": source.energy_conserving,
+            "non_negative": bool((arrays["values"] >= 0).all()),
+        }
+        table = cls(
+            arrays,
+            scale,
+            guide,
+            layout.factor,
+            layout.mirror,
+            source.channels,
+            flags,
+            sampled_delta(source),
+            options.seen,
+        )
+        if flags["energy_conserving"]:
+            table.energy_conserving = bool((table.albedo(np.radians(_ENERGY_ANGLES)) <= 1 + ALBEDO_SLACK).all())
+        table.source = dict(getattr(source, "source", {}) or {"name": "", "format": "", "sha256": ""})
+        table.report = {**source.report, "done": [*source.report.get("done", []), *done]}
+        return table
+
     # ---- arrays -------------------------------------------------------------------------------
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -119,7 +182,23 @@ class HalfLattice(Table):
     def attributes(self) -> dict[str, Any]:
         low, step = self.guide
         numbers = {"scale": self.scale, "guide_low": low, "guide_step": step}
-        return {**numbers, "factor": self.factor, "mirror": self.mirror, **self.seen.attributes()}
+        return {**numbers, "factor": self.factor, **self._kind(), **self.seen.attributes()}
+
+    def _kind(self) -> dict[str, Any]:
+        """The attribute that says what u is."""
+        return {"mirror": self.mirror}
+
+    @classmethod
+    def _read_kind(cls, attributes: Mapping[str, Any]) -> int:
+        mirror = attributes.get("mirror")
+        if not isinstance(mirror, bool):
+            raise cls._bad("mirror", repr(mirror)[:40], "true or false")
+        return mirror
+
+    @classmethod
+    def _steps_z(cls, bilateral: bool) -> set[int]:
+        """Steps of the map of z that such a table may have."""
+        return {steps_z(bilateral, r) for r in ((True, False) if bilateral else (False,))}
 
     @classmethod
     def from_arrays(
@@ -129,11 +208,9 @@ class HalfLattice(Table):
         channels: Channels,
         flags: Mapping[str, bool],
     ) -> Self:
-        from brdfcore.kernels.tables.half_difference import grid_u, grid_w
-
-        bilateral = bool(flags["bilateral"])
-        folds = {steps_z(bilateral, r) + 1 for r in ((True, False) if bilateral else (False,))}
-        sizes = {"map_h": {grid_u().size}, "map_d": {grid_w().size}, "map_p": folds}
+        kernels = cls._module()[0]
+        folds = {steps + 1 for steps in cls._steps_z(bool(flags["bilateral"]))}
+        sizes = {"map_h": {kernels.grid_u().size}, "map_d": {kernels.grid_w().size}, "map_p": folds}
         sizes |= {"guide_h": sizes["map_h"], "guide_d": sizes["map_d"]}
         for name, dtype in _ARRAYS.items():
             array, ndim = arrays.get(name), 4 if name == "values" else 1
@@ -160,9 +237,7 @@ class HalfLattice(Table):
         factor = attributes.get("factor")
         if factor not in FACTORS:
             raise cls._bad("factor", repr(factor)[:40], ", ".join(FACTORS))
-        mirror = attributes.get("mirror")
-        if not isinstance(mirror, bool):
-            raise cls._bad("mirror", repr(mirror)[:40], "true or false")
+        mirror = cls._read_kind(attributes)
         guide = (numbers["guide_low"], numbers["guide_step"])
         seen = Seen.from_attributes(cls.name, attributes)
         return cls(arrays, numbers["scale"], guide, str(factor), mirror, channels, flags, delta, seen)
@@ -171,6 +246,29 @@ class HalfLattice(Table):
     def _bad(cls, field: str, got: str, expected: str) -> FileFormatError:
         return FileFormatError(
             "bad_field", f"{cls.name}: {field} is {got}; expected {expected}", where=field, got=got, expected=expected
+        )
+
+
+def check_linear(name: str, interpolation: str) -> None:
+    if interpolation != "linear":
+        raise InputError(
+            "bad_option",
+            f"interpolation = {interpolation!r}: {name} offers 'linear'",
+            where="interpolation",
+            got=interpolation,
+            expected="linear",
+        )
+
+
+def check_shape(shape: Sequence[int], axes: str, channels: int) -> None:
+    if len(shape) != 3 or min(shape) < 3 or np.prod([float(n) for n in shape]) * channels >= 2**31:
+        raise InputError(
+            "bad_shape",
+            f"shape = {list(shape)}: expected 3 numbers of nodes ({axes}), each at least 3, "
+            "with fewer than 2^31 values in all",
+            where="shape",
+            got=list(shape),
+            expected="3 whole numbers >= 3",
         )
 
 
@@ -185,6 +283,5 @@ def lattice_arrays(
 
 def steps_z(bilateral: bool, reciprocal: bool) -> int:
     """Steps of the map of z."""
-    from brdfcore.tables.base.half_fit import STEPS_Z
 
     return STEPS_Z * (1 if reciprocal else 2) * (1 if bilateral else 2)

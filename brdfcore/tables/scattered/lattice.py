@@ -10,8 +10,8 @@ import numpy.typing as npt
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.base.errors import InputError
 from brdfcore.base.status import Status
-from brdfcore.tables.base.half_fit import Layout, angles_of
 from brdfcore.tables.base.half_lattice import steps_z
+from brdfcore.tables.base.layout import Layout, angles_of
 from brdfcore.tables.base.table import Progress
 from brdfcore.tables.scattered.coverage import Coverage
 from brdfcore.tables.scattered.fit import Predictor

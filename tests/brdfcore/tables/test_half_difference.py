@@ -15,7 +15,8 @@ from brdfcore.kernels.machine import launch
 from brdfcore.kernels.tables import half_coordinates as coordinates
 from brdfcore.kernels.tables import half_difference as kernels
 from brdfcore.metrics import FLAG_DEFECT, reciprocity_defect
-from brdfcore.tables.base.half_fit import angles_of, shape_for
+from brdfcore.tables.base.half_fit import shape_for
+from brdfcore.tables.base.layout import angles_of
 from brdfcore.tables.half_difference import HalfDifference
 from tests import shared
 from tests.benchmarks.accuracy import reference_l1
