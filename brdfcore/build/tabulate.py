@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from numbers import Real
 from typing import Any
 
@@ -12,15 +12,16 @@ from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import shown
 from brdfcore.base.registry import REPRESENTATIONS
+from brdfcore.build.judge import MEASURES, Judge, Measure
 from brdfcore.build.local_error import with_uncertainty
-from brdfcore.metrics import Range, compare
+from brdfcore.build.search import Search
+from brdfcore.metrics import Range
+from brdfcore.metrics.incidence import GRAZING, worst
 from brdfcore.tables.base.seen import Seen
 from brdfcore.tables.base.table import BuildOptions, Progress, Table
 
 #: L1 that `tabulate` aims at when neither tolerance nor max_bytes is given.
 DEFAULT_TOLERANCE = 0.01
-#: Directions that errors are measured on.
-_DIRECTIONS = 200_000
 #: L1 above which a table is called bad, unasked: one part in twenty of the light in the wrong place.
 BAD_L1 = 0.05
 #: Error of the mirror part's reflectance above which a table is called bad.
@@ -46,6 +47,7 @@ def tabulate(
     fold: str | Iterable[str] | None = None,
     light: Range | None = None,
     view: Range | None = None,
+    measure: Measure = "incidence",
     progress: Progress | None = None,
 ) -> Table:
     """Turn any BRDF into a table whose error is known.
@@ -57,9 +59,10 @@ def tabulate(
     representation : str
         A name of `representations()`, or "auto": every one that can hold `b` is considered.
     tolerance : float, optional
-        L1 to reach, and the error of the delta part's reflectance where there is one; the fastest representation, at
-        the smallest size, that meets it. Default 0.01 when neither max_bytes nor shape is given. If none meets it, the
-        best is returned with a `ToleranceWarning`.
+        Error to reach, as `measure` says, and that of the delta part's reflectance where there is one. Of all tables
+        that meet it the one of the fewest bytes is taken, among those that take at most 1.25 times the time of the
+        fastest (by a table of times measured once, `build.costs`). Default 0.01 when neither max_bytes nor shape is
+        given. If none meets it, the best is returned with a `ToleranceWarning`.
     max_bytes : int, optional
         Limit on `nbytes`; the smallest error within it.
     shape : sequence of int, optional
@@ -74,15 +77,20 @@ def tabulate(
     light, view : (float, float), optional
         Ranges (from, to) of theta_i and theta_o, radians, that the table is wanted for: errors and tolerance are over
         these, and `half_difference` has its nodes there. Beyond them it answers, and `status` says EXTRAPOLATED.
+    measure : {"incidence", "average"}
+        "incidence": light from each angle from 0 to 85 degrees (inside `light`): L1, and the albedo of each channel,
+        relative to it or to a tenth of the channels' mean; at 88 and 89 degrees four times as much is allowed. Below 5
+        degrees L1 is that of means over the azimuth. "average": L1 under light from everywhere, which may hide an error
+        of ten times as much at grazing light.
     progress : callable(done, total, stage), optional
         Called as work proceeds.
 
     Returns
     -------
     Table
-        `t.error` holds `metrics.Comparison` as JSON, measured on seeded random directions (none of them a
-        node), plus `warnings`: sentences for a person where the table is bad. A source's delta part is kept
-        apart, never smeared.
+        `t.error` holds `metrics.Comparison` as JSON (by angle of incidence in `t.error["by_theta_i"]`), measured on
+        seeded random directions (none of them a node), plus `warnings`: sentences for a person where the table is bad.
+        A source's delta part is kept apart, never smeared.
 
     Raises
     ------
@@ -97,6 +105,8 @@ def tabulate(
     >>> bc.tabulate(gold, "angle_grid", shape=(8, 8, 9)).nbytes  # 8 x 8 x 9 nodes, float32
     2304
     """
+    if measure not in MEASURES:
+        raise _bad_option("measure", measure, " or ".join(map(repr, MEASURES)))
     options = _options(shape, interpolation, negatives, fold, Seen.of(light, view))
     if shape is not None and (tolerance is not None or max_bytes is not None):
         raise InputError(
@@ -116,11 +126,13 @@ def tabulate(
     if representation == "auto":
         classes = [c for c in classes if c.FOR_AUTO and c.can_hold(b)]
     if tolerance is None and max_bytes is None and (shape is not None or representation != "auto"):
-        table = _measured(classes[0].build(b, options, progress), b, None, options.seen, progress)
+        table = classes[0].build(b, options, progress)
+        table = _measured(table, Judge(b, options.seen, measure), None, progress)
         return with_uncertainty(_advised(table, b, names), b)
     if tolerance is None and max_bytes is None:
         tolerance = DEFAULT_TOLERANCE
-    return with_uncertainty(_advised(_search(b, classes, options, tolerance, max_bytes, progress), b, names), b)
+    search = Search(b, Judge(b, options.seen, measure), options, tolerance, max_bytes, progress)
+    return with_uncertainty(_advised(_found(search, classes), b, names), b)
 
 
 def positive(name: str, value: Any) -> float | None:
@@ -164,78 +176,49 @@ def _options(
     return BuildOptions(nodes, interpolation, negatives, folds, seen=seen)
 
 
-def _search(
-    b: Brdf,
-    classes: Sequence[type[Table]],
-    options: BuildOptions,
-    tolerance: float | None,
-    max_bytes: int | None,
-    progress: Progress | None,
-) -> Table:
-    """Build candidates, the fastest first; stop at the first that meets the tolerance, else keep the best."""
-    best: Table | None = None
-    smallest: int | None = None
-    ladders = {cls: iter(cls.candidates(b, options, max_bytes)) for cls in classes}
-    waiting = {cls: found for cls, ladder in ladders.items() if (found := next(ladder, None)) is not None}
-    while waiting:
-        cls = min(waiting, key=lambda each: waiting[each].time)  # the first of equals: the registry's order
-        table = cls.build(b, waiting.pop(cls), progress)
-        more = True
-        if max_bytes is not None and table.nbytes > max_bytes:
-            smallest = min(table.nbytes, smallest or table.nbytes)
-        else:
-            table = _measured(table, b, tolerance, options.seen, progress)
-            if best is None or _worst(table) < _worst(best):
-                best = table
-            if tolerance is not None and _worst(table) <= tolerance:
-                return table
-            more = tolerance is None or cls.worth_refining(_l1(table), tolerance)
-        if more and (candidate := next(ladders[cls], None)) is not None:
-            waiting[cls] = candidate
-    if best is None:
-        need = f"; the smallest takes {smallest}" if smallest else ""
-        raise InputError(
-            "max_bytes_too_small",
-            f"no table fits into max_bytes = {max_bytes}{need}",
-            where="max_bytes",
-            got=max_bytes,
-            expected=smallest,
+def _found(search: Search, classes: Sequence[type[Table]]) -> Table:
+    """The table that the search chose, measured; one that misses the tolerance says so."""
+    table = _measured(search.run(classes), search.judge, search.tolerance, search.progress)
+    tolerance, measure = search.tolerance, search.judge.measure
+    if tolerance is not None and not search.met:
+        which = f"{table.name} of {table.nbytes} bytes"
+        delta = table.error["delta"]
+        also = f" and its mirror part is off by {delta:.3g}" if table.has_delta and delta is not None else ""
+        message = (
+            f"no table met tolerance {tolerance:g}: the best, {which}, has L1 {_l1(table):.3g}"
+            f"{where_worst(table.error) if measure == 'incidence' else ''}{also}"
         )
-    if tolerance is not None:
-        which = f"{best.name} of {best.nbytes} bytes"
-        delta = best.error["delta"]
-        also = f" and its mirror part is off by {delta:.3g}" if best.has_delta and delta is not None else ""
-        message = f"no table met tolerance {tolerance:g}: the best, {which}, has L1 {_l1(best):.3g}{also}"
-        best.error["warnings"].append(message)
-        warnings.warn(message, ToleranceWarning, stacklevel=3)
-    return best
+        table.error["warnings"].append(message)
+        warnings.warn(message, ToleranceWarning, stacklevel=4)
+    return table
+
+
+def where_worst(error: Mapping[str, Any]) -> str:
+    """ ", .03 at theta_i = 85 degrees": the angle that a tolerance fails at first."""
+    rows = [r for r in error["by_theta_i"] if math.degrees(r["theta_i"]) <= GRAZING + 1e-9]
+    if not rows:
+        return ""
+    row = max(rows, key=lambda r: worst([r]))
+    if not math.isfinite(worst([row])):
+        return f", not finite at theta_i = {math.degrees(row['theta_i']):.4g} degrees"
+    return f", {max(row['l1'], row['albedo_error']):.3g} at theta_i = {math.degrees(row['theta_i']):.4g} degrees"
 
 
 def _l1(table: Table) -> float:
     if not table.error["regular"]:
         return 0.0  # nothing can be misplaced
-    return _or_infinite(table.error["l1"])
+    return math.inf if table.error["l1"] is None else float(table.error["l1"])  # None: not finite
 
 
-def _worst(table: Table) -> float:
-    """What a tolerance bounds: L1, and the error of the mirror part's reflectance."""
-    return max(_l1(table), _or_infinite(table.error["delta"]))
-
-
-def _or_infinite(measured: float | None) -> float:
-    return math.inf if measured is None else measured  # None: not finite
-
-
-def _measured(table: Table, source: Brdf, tolerance: float | None, seen: Seen, progress: Progress | None) -> Table:
+def _measured(table: Table, judge: Judge, tolerance: float | None, progress: Progress | None) -> Table:
     if progress is not None:
         progress(0, 1, "measuring the error")
-    compared = compare(source, table, directions=seen.draws(_DIRECTIONS), light=seen.light, view=seen.view)
-    found: dict[str, Any] = {**compared.to_json(), **seen.attributes()}
+    found = judge.stated(table)
     found["tolerance"] = tolerance
-    found["warnings"] = _complaints(found, seen)
+    found["warnings"] = _complaints(found, judge.seen)
     table.error = found
     if not table.metadata:
-        table.metadata = dict(source.metadata)
+        table.metadata = dict(judge.source.metadata)
     if progress is not None:
         progress(1, 1, "measuring the error")
     return table

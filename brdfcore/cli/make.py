@@ -36,7 +36,7 @@ def tabulate(
         str | None, typer.Option(metavar="N,N,N", help="Nodes per axis, both ends included.", show_default=False)
     ] = None,
     tolerance: Annotated[
-        float | None, typer.Option(help="L1 to reach, e.g. 0.01: the fastest table that meets it.", show_default=False)
+        float | None, typer.Option(help="Error to reach, e.g. 0.01, see --measure.", show_default=False)
     ] = None,
     max_bytes: Annotated[
         str | None, typer.Option(metavar="BYTES", help="E.g. 4.5MB: the best table within.", show_default=False)
@@ -57,6 +57,9 @@ def tabulate(
         str | None,
         typer.Option(metavar="FROM,TO", help="Only for views at these theta_o, degrees.", show_default=False),
     ] = None,
+    measure: Annotated[
+        str, typer.Option(metavar="[incidence|average]", help="What a tolerance bounds: each incidence, or the mean.")
+    ] = "incidence",
     rgb: Annotated[
         str | None,
         typer.Option(metavar="ILLUMINANT", help="Wavelengths to linear sRGB first, e.g. D65.", show_default=False),
@@ -94,6 +97,7 @@ def tabulate(
             fold=folds,
             light=ranges[0],
             view=ranges[1],
+            measure=measure,  # type: ignore[arg-type]  # checked there
             progress=progress,
         )
     seconds = time.perf_counter() - start

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -154,6 +154,7 @@ def error_lines(error: Mapping[str, Any], has_delta: bool = False) -> Iterator[s
             f"  L1               {percent(l1)} ± {percent(error.get('l1_stderr') or 0.0)}"
             " of the reflected energy is misplaced"
         )
+    yield from incidence_lines(error.get("by_theta_i") or [])
     delta = error.get("delta")
     if has_delta or delta:
         off = "not finite" if delta is None else f"{delta:.2g} of the light at its worst angle"
@@ -173,6 +174,20 @@ def error_lines(error: Mapping[str, Any], has_delta: bool = False) -> Iterator[s
     for key, words in (("negatives", "values are negative"), ("nan", "values are not numbers")):
         if error.get(key):
             yield f"  {error[key]} of {error.get('values', '?')} {words}"
+
+
+def incidence_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Error by angle of incidence: theta_i, L1 and the largest error of an albedo, side by side."""
+    finite = [r for r in rows if r.get("l1") is not None and r.get("albedo_error") is not None]
+    if not finite:
+        return
+    table = [("theta_i", *(f"{math.degrees(r['theta_i']):.3g}" for r in finite))]
+    table += [("L1", *(percent(r["l1"]).removesuffix(" %") for r in finite))]
+    table += [("albedo off by", *(percent(r["albedo_error"]).removesuffix(" %") for r in finite))]
+    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    for name, row in zip(("by incidence", "", ""), table):
+        cells = [row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:]))]
+        yield f"  {name:<16} {' '.join(cells)}{' degrees' if row[0] == 'theta_i' else ' %'}"
 
 
 def percent(share: float, signed: bool = False) -> str:

@@ -32,7 +32,10 @@ def report(
     peers: Annotated[
         bool, typer.Option("--peers/--no-peers", help="Time scipy, interpn and Mitsuba beside, where installed.")
     ] = True,
-    seconds: Annotated[float, typer.Option(help="About how long a material may take.")] = 240.0,
+    seconds: Annotated[
+        float | None,
+        typer.Option(help="About how long a material may take; what that leaves out is said.", show_default=False),
+    ] = None,
     json: Json = False,
 ) -> None:
     from brdfcore.reporting.item import Subject

@@ -86,7 +86,7 @@ def draw_front(axes: Axes, found: Pareto) -> None:
     top = max([found.tolerance, *(place(e, none)[1] for e in found.entries)])
     axes.set(xscale="log", yscale="log", xlim=(left, right), ylim=(LEAST_ERROR / 2, max(2 * top, 0.02)))
     axes.set_xlabel("bytes that a look-up may touch")
-    axes.set_ylabel("error: share of the reflected energy misplaced (L1)")
+    axes.set_ylabel("error: share of the reflected energy misplaced at the worst incidence")
     formulas = [none] if any(e.nbytes == 0 for e in found.entries) else []
     ticks = [t for t in (1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9) if 3 * none < t < right]
     axes.set_xticks([*formulas, *ticks], [*("no table" for _ in formulas), *(words.size(int(t)) for t in ticks)])

@@ -9,7 +9,7 @@ from brdfcore.analysis.pareto.pareto import Pareto
 from brdfcore.reporting import words
 from brdfcore.reporting.item import Item
 
-HEAD = ("representation", "error (L1)", "bytes", "ns a look-up", "1 at a time", "build", "")
+HEAD = ("representation", "worst incidence", "bytes", "ns a look-up", "1 at a time", "build", "")
 
 
 def markdown(items: Sequence[Item], command: str) -> str:

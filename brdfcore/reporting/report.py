@@ -89,7 +89,7 @@ def report(
     max_bytes: int | None = None,
     tables: Path | None = None,
     peers: bool = False,
-    seconds: float = 240.0,
+    seconds: float | None = None,
     command: str = "",
     progress: Progress | None = None,
     **options: Any,

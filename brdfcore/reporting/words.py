@@ -64,11 +64,14 @@ def figures(entry: Entry) -> str:
 
 
 def advice(found: Pareto) -> str:
-    """The one sentence."""
+    """The one sentence; and a second, if a limit in seconds left something out."""
+    left = found.not_tried
+    after = f" Not tried, as the time was up: {'; '.join(left[:3])}{', and more' if len(left) > 3 else ''}."
+    after = after if left else ""
     if found.met:
-        return f"Use {title(found.chosen)}: {figures(found.chosen)}."
+        return f"Use {title(found.chosen)}: {figures(found.chosen)}.{after}"
     asked = f"{percent(found.tolerance)}" + (f" in {size(found.max_bytes)}" if found.max_bytes else "")
-    return f"Nothing tried is within {asked}. The closest is {title(found.chosen)}: {figures(found.chosen)}."
+    return f"Nothing tried is within {asked}. The closest is {title(found.chosen)}: {figures(found.chosen)}.{after}"
 
 
 def alternatives(found: Pareto) -> list[str]:

@@ -9,16 +9,16 @@ from typing import Any, Literal
 
 from brdfcore.analysis.pareto.timing import MARGIN, REPEATS, Timing, label
 from brdfcore.base.brdf import Brdf
+from brdfcore.build.costs import AS_FAST, nanoseconds
 from brdfcore.metrics import Comparison
+from brdfcore.metrics.incidence import known, worst
+from brdfcore.tables.base.table import Table
 
 _HEADLINE = label(1_000_000, 1)
 #: A table that is less than this many times faster than the formula is not worth its memory and its error.
 SLOWEST = 4.0
 #: What misplaces more than this share of the energy is no candidate, however small or fast: it is not on the front.
 USELESS = 0.25
-#: A table chosen for a tolerance is measured again on other directions; what the first measurement leaves open has to
-#: stay within this factor.
-CERTAIN = 1.1
 
 
 @dataclass
@@ -53,10 +53,18 @@ class Entry:
 
     @property
     def error(self) -> float:
-        """What a tolerance bounds: L1 of the regular part, if there is one, and the error of the mirror part."""
-        l1 = self.comparison.l1 if self.comparison.regular else 0.0
-        worst = max(l1, self.comparison.delta)
-        return math.inf if math.isnan(l1) or math.isnan(worst) else worst
+        """What a tolerance of `tabulate` bounds: the worst incidence, and the error of the mirror part."""
+        found = max(worst(self.comparison.by_theta_i), self.comparison.delta)
+        return math.inf if math.isnan(found) else found
+
+    @property
+    def cost(self) -> float:
+        """ns of a look-up: of a table by what was measured once (`build.costs`), so that the choice does not depend on
+        the moment; of anything else as measured here."""
+        if self.kind != "table" or not isinstance(self.brdf, Table):
+            return self.ns.best
+        way = str(self.brdf.attributes().get("interpolation", "linear"))
+        return nanoseconds(self.representation, way, len(self.brdf.channels), self.nbytes)
 
     @property
     def on_front(self) -> bool:
@@ -69,9 +77,8 @@ class Entry:
         return self.timings[_HEADLINE]
 
     def meets(self, tolerance: float) -> bool:
-        """Error within the tolerance, and known well enough: 1.96 standard errors stay within `CERTAIN` times it."""
-        spread = self.comparison.l1_stderr if self.comparison.regular else 0.0
-        return self.error <= tolerance and self.error + 1.96 * spread <= CERTAIN * tolerance
+        """Error within the tolerance, and known well enough for it (`metrics.incidence.known`)."""
+        return self.error <= tolerance and known(self.comparison.by_theta_i, tolerance)
 
     def to_json(self, tolerance: float) -> dict[str, Any]:
         found = self.comparison
@@ -146,22 +153,21 @@ def choose(
     smallest_error: bool = False,
     margin: float = MARGIN,
 ) -> Entry:
-    """The fastest within tolerance and bytes, of equally fast ones the smallest; else the least wrong that fits.
+    """Of what is within tolerance and bytes the fewest bytes among what is fast enough, as `tabulate` chooses; else the
+    least wrong that fits.
 
-    A formula that is less than `SLOWEST` times slower than the fastest counts as equally fast. `margin` is what counts
-    as distinctly slower.
+    Fast enough is at most `costs.AS_FAST` times the time of the fastest table, by the stored times; and a formula that
+    is less than `SLOWEST` times slower than it, as measured. That alone differs between runs: by `margin`/`MARGIN`.
     """
     fitting = [e for e in entries if e.nbytes <= (room or math.inf)]
     right = [] if smallest_error else [e for e in fitting if e.meets(tolerance)]
     if right:
-        fastest = min(right, key=lambda e: e.ns.best)
-        alike = [
-            e
-            for e in right
-            if not fastest.ns.faster_than(e.ns, margin)
-            or (e.kind == "model" and e.ns.best <= SLOWEST * fastest.ns.best)
-        ]
-        return min(alike, key=lambda e: (e.nbytes, e.ns.best, e.error))
+        tables = [e for e in right if e.kind == "table"]
+        least = min((e.cost for e in tables), default=math.inf)
+        measured = min((e.ns.best for e in tables), default=math.inf)
+        alike = [e for e in tables if e.cost <= AS_FAST * least]
+        alike += [e for e in right if e.kind != "table" and e.ns.best <= SLOWEST * (margin / MARGIN) * measured]
+        return min(alike or right, key=lambda e: (e.nbytes, e.cost, e.error))
     if fitting:
         return min(fitting, key=lambda e: (e.error, e.nbytes))
     return min(entries, key=lambda e: (e.nbytes, e.error))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from brdfcore.analysis.pareto.entries import Entry, beaten_anyway, choose, mark_dominated
-from brdfcore.analysis.pareto.tabulating import USUAL, Smallest, Tabulating, variant_of
+from brdfcore.analysis.pareto.tabulating import TIME_UP, USUAL, Smallest, Tabulating, variant_of
 from brdfcore.analysis.pareto.timing import (
     MARGIN,
     REPEATS,
@@ -68,6 +68,11 @@ class Pareto:
         return [e for e in self.entries if e.on_front]
 
     @property
+    def not_tried(self) -> list[str]:
+        """What the limit in seconds kept from being tried."""
+        return [text.removesuffix(f": {TIME_UP}") for text in self.left_out if text.endswith(TIME_UP)]
+
+    @property
     def met(self) -> bool:
         """Whether `chosen` does what was asked for."""
         return self.chosen.meets(self.tolerance) and self.chosen.nbytes <= (self.max_bytes or math.inf)
@@ -100,7 +105,7 @@ def pareto(
     representations: Sequence[str] | None = None,
     directions: int = 200_000,
     rounds: int = ROUNDS,
-    seconds: float = 240.0,
+    seconds: float | None = None,
     peers: bool = False,
     path: Path | None = None,
     light: Range = WHOLE,
@@ -117,8 +122,8 @@ def pareto(
     material : str
         What the answer calls it.
     tolerance : float, optional
-        Error (L1, and that of the mirror part) that is right enough; default 0.01. The fastest within it is chosen,
-        of several equally fast ones the smallest.
+        Error that is right enough, as `tabulate` bounds it for each angle of incidence; default 0.01. What is chosen is
+        what `tabulate` would choose, unless the formula itself is fast enough.
     max_bytes : int, optional
         Limit on the size of what is chosen. Without a tolerance the smallest error within it is chosen.
     sizes : sequence of int
@@ -127,8 +132,9 @@ def pareto(
         Only these tables; default: all that can hold `b`.
     directions, rounds : int
         Draws an error is measured on; interleaved rounds of timing.
-    seconds : float
-        About how long it may take: sizes not reached by then are left out, and said.
+    seconds : float, optional
+        About how long it may take: sizes not reached by then are left out, and `not_tried` names them. Without it the
+        same is tried on every machine, whatever else it does.
     peers : bool
         Also scipy, interpn and, with the `path` of a file of the RGL database, Mitsuba 3, where installed.
     light, view : (float, float)
@@ -158,18 +164,21 @@ def pareto(
     tolerance, room = positive("tolerance", tolerance), positive("max_bytes", max_bytes)
     smallest_error = tolerance is None and room is not None
     tolerance = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    positive("seconds", seconds)
+    limit = positive("seconds", seconds)
     start = time.perf_counter()
     names = list(REPRESENTATIONS.names()) if representations is None else list(representations)
     classes: list[type[Table]] = [c for c in map(REPRESENTATIONS.load, names) if c.can_hold(b)]
     reference = _exact(b)
     measure = partial(compare, directions=directions, light=light, view=view)
     enough = None if smallest_error else tolerance if smallest is not None else _FINE * tolerance
+    until = math.inf if limit is None else start + _BUILDING * limit
     work = Tabulating(
-        reference, measure, start + _BUILDING * seconds, tolerance=tolerance, enough=enough, smallest=smallest,
+        reference, measure, until, tolerance=tolerance, enough=enough, smallest=smallest,
         progress=progress, seen=Seen(light, view),
     )  # fmt: skip
     entries = [*_given(b, reference, work), *work.tables(classes, sorted(set(map(int, sizes))))]
+    if smallest is None and not smallest_error:
+        entries += work.chosen([c for c in classes if c.FOR_AUTO], None if room is None else int(room))
     if smallest is None and USUAL[0] in names:
         entries += work.usual()
     makers = {e.label: look_up_maker(e.brdf) for e in entries if e.brdf is not None}

@@ -12,6 +12,8 @@ from brdfcore.analysis.pareto.timing import at_a_glance
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError
 from brdfcore.base.registry import REPRESENTATIONS
+from brdfcore.build.judge import Judge
+from brdfcore.build.search import Search
 from brdfcore.metrics import Comparison
 from brdfcore.tables.base.seen import EVERYWHERE, Seen
 from brdfcore.tables.base.table import BuildOptions, Progress, Table
@@ -23,14 +25,13 @@ USUAL = ("half_angle_grid", (90, 90, 180), "nearest")
 USUALLY = ", the usual practice"
 #: Shapes of one size that are built to find the best, up to _SEVERAL bytes.
 _SHAPES, _SEVERAL = 3, 1_000_000
-#: A size is left out if the one before says that its build takes longer than this, seconds of all processors together:
-#: whether others are at work must not decide what is tried.
-_LONGEST_BUILD = 15.0
-#: A representation that does not choose its size by bytes is tried at these multiples of its default shape; each takes
-#: about so many times longer to build than the one before.
-_MULTIPLES, _LONGER = (0.25, 0.5, 1.0, 2.0), 8.0
-#: The same of twice the bytes.
-_TWICE = 2.5
+#: A size is left out if its build would evaluate the material more often than this: by count, as whether others are at
+#: work must not decide what is tried. About so many evaluations a byte: 8 a node of two bytes.
+_MOST_EVALUATIONS, _A_BYTE = 12_000_000, 4
+#: A representation that does not choose its size by bytes is tried at these multiples of its default shape.
+_MULTIPLES = (0.25, 0.5, 1.0, 2.0)
+#: Why something was left out that a limit in seconds did not let be reached.
+TIME_UP = "the time was up"
 
 
 @dataclass
@@ -72,7 +73,6 @@ class _Way:
     prepared: Any = None
     begun: bool = False
     last: Entry | None = None
-    seconds: float = 0.0
     halved: bool = False
 
     @property
@@ -171,7 +171,7 @@ class Tabulating:
 
     def _best(self, way: _Way, step: _Step) -> Entry | None:
         """The best table of one step; None if there is none of this size that is not there already."""
-        start, processors = time.perf_counter(), time.process_time()
+        start = time.perf_counter()
         options = BuildOptions(step.shape, step.way, prepared=way.prepared, seen=self.seen)
         first, way.begun = not way.begun, True
         asked = [options]
@@ -182,8 +182,6 @@ class Tabulating:
         made = [e for e in (self._built(step.cls, o, step.size) for o in asked) if e is not None]
         if first:  # it may have waited for the compiler, which is no measure of anything
             self.until += time.perf_counter() - start
-        else:
-            way.seconds = (time.process_time() - processors) / max(len(made), 1)
         return min(made, key=lambda e: (e.error, e.nbytes), default=None)
 
     def _needless(self, way: _Way, step: _Step) -> tuple[str, bool]:
@@ -200,9 +198,9 @@ class Tabulating:
             if last.error > self.tolerance * step.cls.largest_gain(step.way, step.size / last.nbytes):
                 return f"won't do for {self.tolerance:g}", False
         if time.perf_counter() > self.until and way.begun:
-            return "the time was up", True
-        if (expected := (_TWICE if step.own else _LONGER) * way.seconds) > _LONGEST_BUILD:
-            return f"some {expected:.0f} s of processor time to build", True
+            return TIME_UP, True
+        if way.begun and (expected := _A_BYTE * way.size / len(self.reference.channels)) > _MOST_EVALUATIONS:
+            return f"some {expected:.2g} evaluations of the material to build", True
         return "", False
 
     def _can_not_win(self, way: _Way, step: _Step, smallest: Smallest) -> str:
@@ -217,6 +215,22 @@ class Tabulating:
         if any(nbytes < way.size and ns <= allowed for nbytes, ns in self._right):
             return "something smaller is right enough, and quick enough beside it"
         return ""
+
+    def chosen(self, classes: Sequence[type[Table]], max_bytes: int | None) -> Iterator[Entry]:
+        """What `tabulate` takes for the tolerance."""
+        if self.progress is not None:
+            self.progress(0, 1, "choosing as tabulate does")
+        options = BuildOptions(seen=self.seen)
+        search = Search(self.reference, Judge(self.reference, self.seen, "incidence"), options, self.tolerance,
+                        max_bytes, None)  # fmt: skip
+        start = time.perf_counter()
+        try:
+            table = search.run(classes)
+        except InputError as error:
+            self.left_out.append(f"tabulate's choice: {error.detail}")
+            return
+        if search.met and not self.known(table):
+            yield self._entry(table, None, time.perf_counter() - start)
 
     def usual(self) -> Iterator[Entry]:
         """`USUAL`. Its layout has no room for what is not reciprocal: who uses it gives that up; the error says so."""
@@ -241,6 +255,9 @@ class Tabulating:
         seconds = time.perf_counter() - start
         if (size is not None and table.nbytes > size) or self.known(table):
             return None
+        return self._entry(table, options, seconds)
+
+    def _entry(self, table: Table, options: BuildOptions | None, seconds: float) -> Entry:
         found = self.measured(table)
         table.error = {**found.to_json(), **self.seen.attributes(), "tolerance": None, "warnings": []}
         table.metadata = table.metadata or dict(self.reference.metadata)

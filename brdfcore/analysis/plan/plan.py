@@ -183,7 +183,7 @@ def _choice(
     source = first.brdf if whole else Selected(first.brdf, picks)
     drawn = Seen(light, view).draws(directions)
     found = pareto(
-        source, material=first.name, tolerance=tolerance, sizes=sizes, directions=drawn, rounds=_ROUNDS, seconds=60.0,
+        source, material=first.name, tolerance=tolerance, sizes=sizes, directions=drawn, rounds=_ROUNDS,
         light=light, view=view, smallest=smallest, representations=representations, progress=progress,
     )  # fmt: skip
     if not whole:
