@@ -13,9 +13,9 @@ from brdfcore.base import conventions
 from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.conventions import FloatArray, Outside
 from brdfcore.base.errors import InputError
-from brdfcore.base.geometry import angles_from_vectors
 from brdfcore.base.parameters import shown
 from brdfcore.base.peaks import changes_beside, peaks
+from brdfcore.base.pole import evaluate_by_angles
 from brdfcore.base.provenance import Provenance, add_in_squares
 from brdfcore.base.quadrature import integrate_hemisphere
 from brdfcore.base.status import weaker
@@ -88,8 +88,7 @@ class Brdf(Provenance, ABC):
 
     def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
         """f_r of unit vectors (n, 3), float64, both with z > 0, into `out` (n, channels)."""
-        theta_i, theta_o, delta_phi = (x.astype(out.dtype, copy=False) for x in angles_from_vectors(wi, wo))
-        self._evaluate(theta_i, theta_o, delta_phi, out)
+        evaluate_by_angles(self._evaluate, wi, wo, out)
 
     def _evaluate_raw_vectors(self, wi: FloatArray, wo: FloatArray, out: FloatArray) -> bool:
         """f_r of vectors as they were given, (n, 3) contiguous, of the type of `out`; 0 where z <= 0.

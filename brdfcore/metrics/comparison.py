@@ -213,7 +213,7 @@ def compare(
         negatives=negatives,
         nan=nan,
         values=values,
-        delta=_delta_difference(reference, candidate),
+        delta=delta_difference(reference, candidate),
         regular=energy != 0,  # nan, where the reference is not finite, is not nothing
         skipped=_skipped(l1.value, energy, missed, bias, without_log, values - ratio_count, values),
         directions=directions,
@@ -307,7 +307,8 @@ def _regular_albedo(b: Brdf, theta: Float64Array) -> tuple[FloatArray, FloatArra
     return albedo - b.delta_reflectance(theta), error
 
 
-def _delta_difference(reference: Brdf, candidate: Brdf) -> float:
+def delta_difference(reference: Brdf, candidate: Brdf) -> float:
+    """Largest |delta_reflectance' - delta_reflectance|, see `Comparison.delta`."""
     if not (reference.has_delta or candidate.has_delta):
         return 0.0
     between = np.random.default_rng(_DELTA_ANGLES).uniform(0, np.pi / 2, _DELTA_ANGLES)

@@ -24,8 +24,8 @@ Range = tuple[float, float]
 INCIDENCES = (0.0, 0.5, 1.0, 2.0, 5.0, *(float(t) for t in range(10, 80, 10)), 75.0, 80.0, 85.0, 88.0, 89.0, 89.9)
 #: What a tolerance bounds: L1 and albedo from 0 to LAST, and GRAZING_FACTOR times it up to GRAZING, degrees.
 LAST, GRAZING, GRAZING_FACTOR = 85.0, 89.0, 4.0
-#: Below this angle, degrees, both are averaged over the azimuth of the half vector, at AZIMUTHS of them: at the normal
-#: it is delta_phi and no coordinate, but real files vary with it.
+#: Below this angle, degrees, f_r cos theta_o of both is averaged over the azimuth of the half vector, at AZIMUTHS of
+#: them: at the normal it is delta_phi and no coordinate, but real files vary with it.
 POLE, AZIMUTHS = 5.0, 24
 #: Draws of a row; those near the pole are evaluated AZIMUTHS times. Values of all rows together.
 _DRAWS, _POLE_DRAWS, _MOST_VALUES = 5_000, 1_500, 12_000_000
@@ -119,7 +119,7 @@ def _bounded(error: Estimate, ratio: Float64Array, row: _Row, plain: Float64Arra
     if abs(moved.value) - 4 * moved.stderr > error.value:
         return Estimate(abs(moved.value), moved.stderr), energy
     most, energy = _compared(row.weight, f, g, np.abs(g - f))
-    if error.stderr > KNOWN * error.value and most.stderr < error.stderr:
+    if most.stderr < error.stderr and most.value < error.value + 3 * error.stderr:
         return most, energy
     return error, ratio
 
@@ -168,15 +168,17 @@ def _turned(
 def _mean(
     b: Brdf, angles: tuple[Float64Array, Float64Array, Float64Array], turns: int
 ) -> tuple[Float64Array, Float64Array]:
-    """f_r at the first turn, and its mean over those above the horizon; (n, channels) each."""
+    """f_r at the first turn, and the mean of f_r cos theta_o over the turns, over cos theta_o of the first."""
     theta_i, theta_o, delta_phi = angles
     above = theta_o < HALF_PI
     f = b.evaluate(theta_i, np.where(above, theta_o, 0.0), delta_phi).astype(np.float64, copy=False)
     if turns == 1:
         return f, f
-    f = np.where(above[:, None], f, 0.0).reshape(turns, -1, f.shape[1])
-    count = above.reshape(turns, -1).sum(axis=0)
-    return f[0], np.asarray(f.sum(axis=0) / np.maximum(count, 1)[:, None])
+    # light, not f: near the horizon f may grow like 1/cos theta_o, and its mean would be that of one direction
+    cosines = np.where(above, np.cos(theta_o), 0.0)
+    mean = (f * cosines[:, None]).reshape(turns, -1, f.shape[1]).mean(axis=0)
+    first = slice(0, mean.shape[0])
+    return f[first], np.asarray(mean / np.maximum(cosines[first], 1e-300)[:, None])
 
 
 def floored(rows: Sequence[dict[str, Any]], bias: Mapping[str, list[float]]) -> float:
@@ -197,23 +199,28 @@ def floored(rows: Sequence[dict[str, Any]], bias: Mapping[str, list[float]]) -> 
     return missed
 
 
+def known(rows: Sequence[Mapping[str, Any]], tolerance: float = 0.0) -> bool:
+    """Whether every standard error up to `GRAZING` is at most `KNOWN` of the error, or of the `tolerance`."""
+    last = max(math.radians(GRAZING), min((r["theta_i"] for r in rows), default=0.0)) + 1e-9
+    found = [(r["l1"], r["l1_stderr"]) for r in rows if r["theta_i"] <= last]
+    return all(l1 is not None and stderr is not None and stderr <= KNOWN * max(l1, tolerance) for l1, stderr in found)
+
+
 def worst(rows: Sequence[Mapping[str, Any]], tolerance: float | None = None) -> float:
     """What a tolerance bounds: the largest of L1 and albedo error up to `LAST` degrees, and of both over
-    `GRAZING_FACTOR` up to `GRAZING`; where the angles are all beyond, of those. Infinite where it is not known.
+    `GRAZING_FACTOR` up to `GRAZING`; where the angles are all beyond, of those.
 
-    An error is known if its standard error is at most `KNOWN` of it, or of the `tolerance`.
+    Infinite where a value is not finite; with a `tolerance` also where the errors are not `known` well enough for it.
     """
+    if tolerance is not None and not known(rows, tolerance):
+        return math.inf
     degrees = [math.degrees(r["theta_i"]) for r in rows]
     last = max(LAST, min(degrees, default=0.0))
     found = 0.0
     for t, row in zip(degrees, rows):
         if t > max(GRAZING, last) + 1e-9:
             continue
-        l1, stderr = (math.nan if row[k] is None else row[k] for k in ("l1", "l1_stderr"))
-        if math.isnan(l1):
-            return math.inf
-        error = max(l1, math.inf if row["albedo_error"] is None else row["albedo_error"])
-        if not stderr <= KNOWN * max(l1, tolerance or 0.0):
-            return math.inf
+        pair = [math.inf if row[k] is None or math.isnan(row[k]) else row[k] for k in ("l1", "albedo_error")]
+        error = max(pair)
         found = max(found, error if t <= last + 1e-9 else error / GRAZING_FACTOR)
     return found

@@ -128,10 +128,21 @@ class Lobes:
         for component, part in found:
             np.add.at(adapted, (band, component), energy * part / density)
         there = total > 0
+        self._found = adapted.sum(axis=0) / max(float(total.sum()), 1e-300)
         adapted[there] /= total[there, None]
         adapted[~there] = self._shares[~there]
         self._shares = _STAYS * self._shares + (1 - _STAYS) * adapted
         self._shares /= self._shares.sum(axis=1, keepdims=True)
+
+    def energy_within(self, centre: int, t: Float64Array) -> Float64Array:
+        """Share of a centre's energy within t of it, rising from 0 to 1, smoothed over an octave; (n,).
+
+        Centres: 0 the normal for the half vector (t = tan theta_h), 1 the mirror direction and 2 the light (sin r/2).
+        """
+        rings = self._found[1 + centre * _RINGS : 1 + (centre + 1) * _RINGS]
+        rings = np.convolve(np.pad(rings, 1, mode="edge"), [0.25, 0.5, 0.25], "valid")
+        within = np.concatenate([[0.0], np.cumsum(rings)]) / max(float(rings.sum()), 1e-300)
+        return np.interp(np.log(np.maximum(t, 1e-30)), _FIRST + _WIDTH * np.arange(_RINGS + 1), within)
 
     def draw(self, theta_i: Float64Array, rng: np.random.Generator) -> Drawn:
         """One wo for each theta_i."""

@@ -70,7 +70,10 @@ def _section(k: int, item: Item) -> str:
         text = f"The formula gives the reference itself, so the pictures show the table {item.shown_name}."
         shown = f"<p class='faint'>{escape(text)}</p>"
     numbers = (
-        (words.percent(chosen.error), "of the reflected energy is misplaced, or missing, at the worst angle of incidence up to 85 degrees"),
+        (
+            words.percent(chosen.error),
+            "of the reflected energy is misplaced, or missing, at the worst angle of incidence up to 85 degrees",
+        ),
         (words.size(chosen.nbytes), "in memory"),
         (words.nanoseconds(chosen.ns.best), f"a look-up of many on one core; {_alone(chosen)} for a single one"),
     )
