@@ -3,7 +3,8 @@
 
 Rows (default: all): `calls` every way to write with a fault at each call of the system, and small real file systems
 where one can be mounted; `kills` SIGKILL at random moments; `names` many clients on one name through two services that
-share a folder; `fuzz` random requests over every operation; `folder` a folder of many files; `bodies` clients with
+share a folder; `fuzz` random requests over every operation; `uploads` mutated
+files of every format; `folder` a folder of many files; `bodies` clients with
 bodies that never end, and analyses of 10,000 channels; `drawing` pictures that nobody asked for before. Each prints its
 figure and its goal; the exit status is 1 where one is missed.
 """
@@ -36,7 +37,9 @@ from brdf_service.library.writing import Condition, Writer
 import brdfcore as bc
 from tests.app.running import Running
 from tests.benchmarks.timing import machine
+from tests.shared import RGL
 from tests.support.faults import ERRORS, faults
+from tests.support.format_examples import example
 
 ANY = {"if-match": "*"}
 _missed: list[str] = []
@@ -249,6 +252,44 @@ def fuzz(options: argparse.Namespace, folder: Path) -> None:
     said("fuzz", f"{sum(answered.values())} requests: {dict(sorted(answered.items()))}; {bad} bad (goal 0)", bad == 0)
 
 
+def uploads(options: argparse.Namespace, data: Path) -> None:
+    """Mutated files of every format, the service's own included; real ones where they lie beside the project."""
+    rng = random.Random(9)
+    with tempfile.TemporaryDirectory() as place:
+        seeds = {n: example(n, Path(place)).read_bytes() for n in bc.formats() if n not in ("table", "model")}
+    seeds |= {f"rgl {path.stem}": path.read_bytes() for path in sorted(RGL.glob("*.bsdf"))[:3]}
+    table = bc.tabulate(bc.model("lambert"), "angle_grid", shape=(4, 4, 5))
+    table.save(data / ".seed.h5")
+    seeds["table"] = (data / ".seed.h5").read_bytes()
+    ended: Counter[str] = Counter()
+    slowest, until = 0.0, time.monotonic() + options.seconds
+    octet = {"content-type": "application/octet-stream"}
+    with service(data, "--allow-hdf5", "--job-seconds", "60") as running, client(running) as http:
+        wait_ready(http)
+        number = 0
+        while time.monotonic() < until:
+            number += 1
+            content = bytearray(seeds[rng.choice(list(seeds))])
+            for _ in range(rng.randrange(1, 6)):
+                place = rng.randrange(len(content))
+                content[place : place + rng.choice((0, 1, 4))] = os.urandom(rng.choice((0, 1, 4)))
+            begun = time.monotonic()
+            answer = http.post(f"/v1/materials/u{number}/upload", content=bytes(content), headers=octet)
+            if answer.status_code != 202:
+                ended[str(answer.status_code)] += 1
+                continue
+            while (job := http.get(answer.headers["location"]).json())["finished"] is None:
+                time.sleep(0.05)
+            slowest = max(slowest, time.monotonic() - begun)
+            ended[job["state"] if job["state"] == "done" else job["problem"]["code"]] += 1
+            if job["state"] == "done" and http.get(f"/v1/materials/u{number}").status_code != 200:
+                ended["stored and unreadable"] += 1
+    bad = sum(n for k, n in ended.items() if k in ("500", "internal_error", "job_crashed", "job_failed"))
+    bad += ended["stored and unreadable"]
+    text = f"{number} mutated files of {len(seeds)} seeds: {dict(ended)}, the slowest {slowest:.1f} s"
+    said("uploads", f"{text}; {bad} crashes (goal 0)", bad == 0 and slowest < 130)
+
+
 def folder(options: argparse.Namespace, data: Path) -> None:
     rng = random.Random(1)
     for k in range(options.files):
@@ -369,7 +410,7 @@ def drawing(options: argparse.Namespace, folder: Path) -> None:
     )
 
 
-ROWS = {f.__name__: f for f in (calls, kills, names, fuzz, folder, bodies, drawing)}
+ROWS = {f.__name__: f for f in (calls, kills, names, fuzz, uploads, folder, bodies, drawing)}
 
 
 def main() -> int:
