@@ -29,6 +29,8 @@ ID = re.compile(r"[0-9a-f]{64}")
 _LINES = 20_000
 #: Seconds for which files may be read to find an id.
 _SEARCH_SECONDS = 2.0
+#: Sentences that a file's reader warned with, which lists and pages show.
+_MOST_WARNINGS = 20
 #: Bytes that a material counts for beside its arrays and its facts.
 _LEAST_BYTES = 8192
 
@@ -268,6 +270,7 @@ def open_material(name: str, file: File) -> Material:
         id, nbytes = _digest(of), 0
     facts = {"name": name, "kind": file.kind, "id": id, "nbytes": nbytes, "error": {}, "source": {}, **brdf.describe()}
     facts["id"] = id
+    facts["warnings"] = [str(text) for text in getattr(brdf, "report", {}).get("warnings", ())][:_MOST_WARNINGS]
     # a number of a list takes as much again as its text: parameters and channels weigh, not only arrays
     held = nbytes + 4 * len(_text(facts)) + _LEAST_BYTES
     return Material(name, file, brdf, id, nbytes, facts, _digest(facts), held)

@@ -149,7 +149,7 @@ def _shown(facts: Mapping[str, Any]) -> dict[str, Any]:
         "kind": facts["kind"],
         "path": f"/v1/materials/{facts['name']}",
         "has_delta": bool(facts.get("has_delta")),
-        "warnings": [str(w) for w in warnings] if isinstance(warnings, list) else [],
+        "warnings": [str(w) for w in (*(warnings if isinstance(warnings, list) else []), *facts.get("warnings", ()))],
         "about": _about(facts),
         "facts": table,
     }

@@ -134,7 +134,7 @@ async def upload(request: Request) -> Response:
                     await run_sync(file.write, piece)
         except OSError as error:
             raise state.writer.store.failed(error) from error
-        await run_sync(_check_file, path, asked.format, settings)
+        await run_sync(_check_file, path, asked.format, asked.options or {}, settings)
         reading = {"input": str(path), "format": asked.format, "options": asked.options or {}}
         await run_sync(state.jobs.submit, job, {**reading, "tabulate": options})
     return accepted(state, job)
@@ -200,7 +200,7 @@ def _check_table(options: dict[str, Any], channels: int, settings: Settings) -> 
         raise bc.LimitError("table_too_large", said, where="tabulate", got=size, limit=limit)
 
 
-def _check_file(path: Path, format: str | None, settings: Settings) -> None:
+def _check_file(path: Path, format: str | None, options: dict[str, Any], settings: Settings) -> None:
     """What a glance can refuse, before a process is started."""
     if path.stat().st_size == 0:
         raise bc.FileFormatError("empty_file", "the body is empty; it must be the file", where="body")
@@ -214,7 +214,7 @@ def _check_file(path: Path, format: str | None, settings: Settings) -> None:
             expected=", ".join(f for f in bc.formats() if f != "table"),
         )
     if format is None:
-        bc.sniff(path)
+        bc.sniff(path, options)
 
 
 def _is_hdf5(path: Path) -> bool:

@@ -24,6 +24,7 @@ class MaterialLine(BaseModel):
     nbytes: int | None = Field(None, description="bytes a look-up touches; 0 for a model")
     channels: list[str | float] | None = None
     error: dict[str, Any] | None = None
+    warnings: list[str] = Field([], description="what the reader of its file doubts, in sentences")
     problem: Fault | None = Field(None, description="present if the file cannot be used")
     links: dict[str, str] = Field(description="paths of this material's answers")
 

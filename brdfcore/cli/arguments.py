@@ -62,7 +62,7 @@ def load(source: str, format: str | None = None) -> Brdf:
             raise StorageError("cannot_open", f"{source}: is a folder, not a file", where=source)
         with _bounded(source):
             if options:
-                format = format or io.sniff(path)
+                format = format or io.sniff(path, [item.partition("=")[0].strip() for item in _split(source, options)])
                 return io.read(path, format, **given(source, options, io.read_options(format)))
             return io.read(path, format)
     if colon and re.fullmatch(r"\w+", name) and "=" in rest:

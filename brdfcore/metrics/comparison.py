@@ -141,8 +141,8 @@ def compare(
                  out, so that a narrow range takes more of them. Albedos and symmetries are those of the whole.
     incidences   the reference drawn for by angle beforehand, if many candidates are compared with it.
 
-    Evaluated in pieces of half a million values. Raises `InputError` if the channels differ and neither is single,
-    `directions` is no number of draws, or none of them is within the ranges.
+    Evaluated in pieces of half a million values. Raises `InputError` if the energy of the reference is negative, if the
+    channels differ and neither is single, `directions` is no number of draws, or none of them is within the ranges.
     """
     common = Channels.common(reference.channels, candidate.channels)
     channels = len(common)
@@ -244,6 +244,17 @@ def _misplaced(reference: Brdf, candidate: Brdf, drawn: Drawn) -> tuple[Estimate
             e = np.abs(g - f)
             sums[:, piece] = e.sum(axis=1), f.sum(axis=1), (e * e).sum(axis=1), (f * f).sum(axis=1)
         sums[:, drawn.weight == 0] = 0.0  # below the horizon, or not seen: whatever the value there
+        total = float(drawn.weight @ sums[1])
+        if total < 0:
+            mean = total / drawn.weight.size
+            raise InputError(
+                "negative_energy",
+                f"the reference reflects less than nothing: the mean of its weighted draws is {mean:.3g}, so that no "
+                "error is relative to it; are marks for missing values left in its data?",
+                where="reference",
+                got=mean,
+                expected="a positive integral",
+            )
         l2 = root(ratio(drawn.weight, sums[2], sums[3]))
         return honest_ratio(drawn.weight, sums[0], sums[1]), l2, float(drawn.weight @ sums[3])
 
@@ -288,14 +299,14 @@ def albedo_bias(reference: Brdf, candidate: Brdf) -> dict[str, list[float]]:
     """Relative albedo difference of the regular parts at `BIAS_ANGLES`; of the channels, the largest in magnitude.
 
     (a' - a)/a, a = int f c_o dwo by quadrature (`Brdf.albedo`); `error` is what the two integrals may be off together,
-    relative to a: an estimate with room to spare, not a standard error. Nan where a = 0.
+    relative to a: an estimate with room to spare, not a standard error. Nan where a is not positive.
     """
     theta = np.radians(BIAS_ANGLES)
     found = [_regular_albedo(m, theta) for m in (reference, candidate)]
     a, b, error_a, error_b = np.broadcast_arrays(*(x[0] for x in found), *(x[1] for x in found))
-    there = a != 0
+    there = a > 0
     bias = np.divide(b - a, a, out=np.full(a.shape, np.nan), where=there)
-    error = np.divide(error_a + error_b, np.abs(a), out=np.full(a.shape, np.nan), where=there)
+    error = np.divide(error_a + error_b, a, out=np.full(a.shape, np.nan), where=there)
     worst = np.where(np.isnan(bias), -1.0, np.abs(bias)).argmax(axis=1)
     row = np.arange(theta.size)
     return {"theta_i": theta.tolist(), "bias": bias[row, worst].tolist(), "error": error[row, worst].tolist()}

@@ -28,13 +28,14 @@ NOTHING = Estimate(float("nan"), float("nan"))
 
 
 def ratio(weight: Float64Array, numerator: Float64Array, denominator: Float64Array) -> Estimate:
-    """R = sum w a / sum w b of independent draws, (n,) each; `NOTHING` where sum w b is 0.
+    """R = sum w a / sum w b of independent draws, (n,) each; `NOTHING` where sum w b is not positive:
+    measured by a reference that is nothing or less, no ratio says anything.
 
     Standard error sqrt(sum w^2 (a - R b)^2) / |sum w b|: the linearised ratio estimator (W. G. Cochran, "Sampling
     Techniques", 3rd ed. 1977, section 6.4). Its bias is of order 1/n.
     """
     total = float(weight @ denominator)
-    if total == 0:
+    if not total > 0:
         return NOTHING
     value = float(weight @ numerator) / total
     return Estimate(value, float(np.sqrt(np.sum((weight * (numerator - value * denominator)) ** 2))) / abs(total))

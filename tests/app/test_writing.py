@@ -218,6 +218,26 @@ def test_put_with_an_interpolation(client: TestClient, data: Path) -> None:
     assert schema["properties"]["interpolation"]["enum"] == ["nearest", "linear", "monotone_cubic"]
 
 
+def test_upload_of_a_text_table(client: TestClient, data: Path) -> None:
+    """Columns are named as options; what lacks is said in the reader's words; its doubts stand in the material."""
+    rows = [(i, o, d) for i in (10, 40) for o in (20, 50) for d in (0, 90, 180)]
+    body = "AOI,Scatter,Azimuth,Value\n" + "".join(f"{i},{o},{d},{30 + d / 10}\n" for i, o, d in rows)
+    options = {"theta_i": "AOI", "theta_o": "Scatter", "delta_phi": "Azimuth", "value": "Value", "shape": "[6,6,6]"}
+    path = "/v1/materials/scan/upload?options="
+    refused = ended(client, client.post(path + json.dumps(options), content=body.encode(), headers=OCTET))
+    assert refused["state"] == "failed"
+    assert refused["problem"]["code"] == "columns_not_clear"
+    assert "angles=deg or angles=rad, mirror=180" in refused["problem"]["detail"]
+    assert "Columns: AOI, Scatter, Azimuth, Value" in refused["problem"]["detail"]
+    options |= {"angles": "deg", "mirror": "180", "quantity": "f"}
+    query = path + json.dumps({**options, "mirror": 180})
+    assert ended(client, client.post(query, content=body.encode(), headers=OCTET))["state"] == "done"
+    warned = client.get("/v1/materials/scan").json()["warnings"]
+    assert any("no passive surface reflects more than it receives" in text for text in warned)
+    for page in ("/", "/materials/scan"):
+        assert "no passive surface reflects more" in client.get(page).text
+
+
 def test_upload_of_a_merl_file(client: TestClient, data: Path) -> None:
     numbers = np.random.default_rng(0).uniform(1, 100, (3, 6, 5, 8))
     numbers[:, 5, 4, 0] = -1

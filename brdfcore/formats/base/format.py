@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -58,6 +59,11 @@ class Format(ABC):
     @abstractmethod
     def sniff(self, head: bytes) -> bool:
         """True if a file that begins with `head` (its first 16,384 bytes or fewer) is of this format."""
+
+    def may_be(self, name: str, head: bytes, options: Iterable[str]) -> bool:
+        """Asked of a file called `name` that no format's `sniff` knows: whether this one reads it, seeing the names of
+        the options that the reader was given."""
+        return False
 
     def can_write(self, brdf: Brdf) -> bool:
         """Whether `write` takes this kind of material; asked where several formats share an extension."""

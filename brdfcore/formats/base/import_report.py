@@ -16,7 +16,9 @@ from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.directions import cosine_pairs
 from brdfcore.base.status import Status
+from brdfcore.formats.base.doubts import doubts
 from brdfcore.formats.base.measurements import Measurements
+from brdfcore.formats.base.plane_report import plane_report, plane_warning
 from brdfcore.tables.scattered.coverage import SAME, Coverage, invariants, sideways
 from brdfcore.tables.scattered.table import Scattered
 
@@ -59,6 +61,13 @@ def report_of(
         warnings.append(
             f"{smoothed['rows']} of {smoothed['of']} rows are smoothed: the table is over 2 % from their values{far}"
         )
+    albedo = albedo_of(table, table.coverage)
+    interpolation = table.report.get("interpolation", {})
+    warnings += doubts(m, albedo, interpolation.get("held-out error"))
+    if table.coverage.in_plane:
+        plane = plane_report(table, np.radians(ALBEDO_ANGLES))
+        albedo["in plane"] = plane
+        warnings.append(plane_warning(plane))
     report = {
         "format": m.format,
         "file": m.file,
@@ -72,9 +81,9 @@ def report_of(
         "coverage": coverage_of(table.coverage),
         "noise": noise_of(m.values, groups, m.channels),
         **measured_symmetries(m),
-        "albedo": albedo_of(table, table.coverage),
-        "interpolation": table.report.get("interpolation", {}),
-        "smoothed": table.report.get("smoothed", {}),
+        "albedo": albedo,
+        "interpolation": interpolation,
+        "smoothed": smoothed,
         "done": [*done, *table.report.get("done", [])],
         "warnings": warnings,
     }

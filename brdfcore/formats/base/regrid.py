@@ -55,6 +55,15 @@ POLICIES = (
         unit="degrees",
         per_channel=False,
     ),
+    Parameter(
+        "in_plane",
+        "",
+        "what keeps its value out of the plane of incidence, where only that was measured: f, f cos(theta_i) "
+        "cos(theta_o), the lobe about the mirror direction, f times a power of the cosines; auto: what fits best",
+        "auto",
+        kind="choice",
+        choices=("auto", "f", "f_cos_cos", "lobe", "power"),
+    ),
     Parameter("shape", "", "nodes along theta_h, theta_d and half a turn of phi_d, as [64,28,24]", None, kind="text"),
 )
 
@@ -88,6 +97,7 @@ def to_brdf(measurements: Measurements, **options: Any) -> Brdf:
         smoothing=chosen["smoothing"],
         gap=float(np.radians(chosen["gap"])),
         shape=_shape_of(chosen["shape"]),
+        plane=chosen["in_plane"],
     )
     table = Scattered.from_points(
         np.stack([kept.theta_i, kept.theta_o, kept.delta_phi], axis=1),

@@ -23,6 +23,24 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in plain)
 
 
+def decoded(raw: bytes) -> bytes:
+    """Text as spreadsheets save it in UTF-16, with a byte order mark or plain ASCII without, as UTF-8; any other as it
+    is. What is no UTF-16 stays, so that its zero bytes are seen."""
+    codec = ""
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        codec = "utf-16"
+    elif len(raw) >= 8 and not any(raw[1:200:2]) and all(raw[:200:2]):
+        codec = "utf-16-le"
+    elif len(raw) >= 8 and not any(raw[:200:2]) and all(raw[1:200:2]):
+        codec = "utf-16-be"
+    if not codec:
+        return raw
+    try:
+        return raw[: len(raw) // 2 * 2].decode(codec).encode()
+    except UnicodeError:
+        return raw
+
+
 class TextFile:
     """The lines of a small text file, numbered from 1.
 
@@ -35,6 +53,7 @@ class TextFile:
         self.name = path.name
         raw = read_bytes(path, MAX_BYTES)
         self.bytes, self.sha256 = len(raw), hashlib.sha256(raw).hexdigest()
+        raw = decoded(raw)
         if not raw.strip():
             raise self.bad(1, "", "the file is empty", "text")
         self._check(raw)

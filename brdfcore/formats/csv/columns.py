@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from brdfcore.base.errors import FileFormatError
 from brdfcore.formats.base.text_rows import MAX_NUMBERS, TextFile, printable
+from brdfcore.formats.csv.header import meaning
+from brdfcore.formats.csv.rows import BLANK, SEPARATORS, Rows, rows_of
 
 #: Roles of columns that hold one number a row.
 ROLES = ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi", "wavelength")
-_OWN = re.compile(r"(theta_i|theta_o|delta_phi)_(deg|rad)")
-_SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "": "blanks"}
-_MAX_COLUMNS = 4_096
+_ANGLES = ROLES[:5]
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,9 @@ class Columns:
     spread_places   indices of the columns of their uncertainties, one a value column; [] without.
     angles, mirror, quantity   "deg" or "rad"; degrees; "f", "f_cos" or "pi_f".
     own_header   whether the header said so itself.
+    in_plane     whether there is no azimuth: theta_o > 0 lies on the mirror side, theta_o < 0 on the light's.
+    wavelength_unit   that the header of the wavelength column names, "" without.
+    before       lines before the header.
     """
 
     table: npt.NDArray[np.float64]
@@ -41,6 +44,9 @@ class Columns:
     mirror: float
     quantity: str
     own_header: bool
+    in_plane: bool
+    wavelength_unit: str
+    before: int
     separator: str
     header_line: int
     title: str
@@ -94,41 +100,23 @@ def split_list(text: str) -> list[str]:
 
 def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
     """Read `text` with the options of the csv format; `FileFormatError` names the line, or the options that lack."""
-    lines = [(k + 1, line.partition("#")[0].strip()) for k, line in enumerate(text.lines)]
-    lines = [(number, line) for number, line in lines if line]
+    rows = rows_of(text)
     comments = [line.strip("# \t") for line in text.lines if line.lstrip().startswith("#")]
-    if not lines:
-        raise text.bad(len(text.lines), "rows", "no rows", "rows of numbers")
-    line, first = lines[0]
-    separator = next((s for s in ",;\t" if s in first), "")
-    names = _cells(first, separator)
-    if len(names) > _MAX_COLUMNS:
-        raise text.bad(line, "header", f"{len(names)} columns", f"at most {_MAX_COLUMNS}")
-    numeric = all(_is_number(name) for name in names)
-    header = [] if numeric else [printable(n.strip('"')) for n in names]
-    places, values, unit, own = _placed(text, line, header, len(names), chosen)
-    missing = _missing(places, values, unit, own, chosen)
+    header = rows.names
+    said = _Said.of(header)
+    places, values = _placed(text, rows, said, chosen)
+    in_plane = not {"delta_phi", "phi_o"} & set(places) and _signed(rows, places)
+    missing = _missing(places, values, said, in_plane, chosen)
     if missing:
-        listed = ", ".join(header) if header else f"{len(names)} columns without names: give numbers from 1"
-        raise FileFormatError(
-            "columns_not_clear",
-            f"{text.name}: line {line}: the header does not say everything; pass {', '.join(missing)}. "
-            f"Columns: {listed[:400]}",
-            where=missing[0].partition("=")[0],
-            file=text.name,
-            line=line,
-            field=missing[0].partition("=")[0],
-            expected=", ".join(missing),
-        )
+        raise _not_clear(text, rows, missing)
     spread = []
     if chosen["uncertainty"] is not None:
-        listed_columns = split_list(chosen["uncertainty"])
-        spread = [_place(text, line, "uncertainty", part, header, len(names)) for part in listed_columns]
+        spread = [_place(text, rows, "uncertainty", part) for part in split_list(chosen["uncertainty"])]
         if len(spread) != len(values):
-            raise text.bad(line, "uncertainty", f"{len(spread)} columns for {len(values)} of values", "one for each")
-    rows = lines if numeric else lines[1:]
-    used = sorted({*places.values(), *values, *spread})
-    table, numbers = _numbers(text, rows, separator, len(names), used, header)
+            raise text.bad(
+                rows.line, "uncertainty", f"{len(spread)} columns for {len(values)} of values", "one for each"
+            )
+    table, numbers = _numbers(text, rows, [*places.values(), *spread], values)
     _counted(text, comments, len(table))
     return Columns(
         table=table,
@@ -136,98 +124,159 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
         places=places,
         value_places=values,
         names=header,
-        angles=str(chosen["angles"] or unit),
-        mirror=180.0 if chosen["mirror"] is None else float(chosen["mirror"]),
-        quantity=str(chosen["quantity"] or "f"),
-        own_header=own and all(chosen[k] is None for k in ("angles", "mirror", "quantity", "value", *ROLES)),
-        separator=_SEPARATORS[separator],
-        header_line=line,
+        angles=str(chosen["angles"] or said.unit),
+        mirror=0.0 if in_plane else 180.0 if chosen["mirror"] is None else float(chosen["mirror"]),
+        quantity=str(chosen["quantity"] or said.quantity or "f"),
+        own_header=all(chosen[k] is None for k in ("angles", "mirror", "quantity", "value", *ROLES)),
+        in_plane=in_plane,
+        wavelength_unit=said.wavelength_unit if chosen["wavelength"] is None else
+        meaning(header[places["wavelength"]]).unit if header else "",
+        before=rows.before,
+        separator=SEPARATORS[rows.separator],
+        header_line=rows.line,
         title=printable(comments[0])[:200] if comments else "",
         spread_places=spread,
+    )  # fmt: skip
+
+
+def _not_clear(text: TextFile, rows: Rows, missing: list[str]) -> FileFormatError:
+    """The same words wherever a file is read: what lacks, the columns there are, how to name one."""
+    names = rows.names or rows.comment
+    listed = (", ".join(names) if names else f"{rows.width} without names")[:400]
+    return FileFormatError(
+        "columns_not_clear",
+        f"{text.name}: line {rows.line}: the header does not say everything; pass {', '.join(missing)}. "
+        f"Columns: {listed}. COLUMN is a name, or a number from 1 to {rows.width}, of these",
+        where=missing[0].partition("=")[0],
+        file=text.name,
+        line=rows.line,
+        field=missing[0].partition("=")[0],
+        expected=", ".join(missing),
     )
 
 
-def _cells(line: str, separator: str) -> list[str]:
-    return [c.strip() for c in line.split(separator)] if separator else line.split()
+@dataclass(frozen=True)
+class _Said:
+    """What a header says: column of each role, value columns, and unit, quantity, mirror as far as it does."""
+
+    places: dict[str, int]
+    values: list[int]
+    unit: str
+    quantity: str
+    mirror: bool
+    wavelength_unit: str
+
+    @classmethod
+    def of(cls, header: list[str]) -> _Said:
+        meanings = [meaning(name) for name in header]
+        places: dict[str, int] = {}
+        for k, found in enumerate(meanings):
+            if found.role in ROLES:
+                places.setdefault(found.role, k)
+        units = {meanings[k].unit for role, k in places.items() if role in _ANGLES}
+        values = [k for k, found in enumerate(meanings) if found.role == "value"]
+        kinds = {meanings[k].quantity for k in values}
+        # "dphi" of another program may count from either side; delta_phi and phi_i, phi_o are this project's
+        azimuth = header[places["delta_phi"]].lower() if "delta_phi" in places else ""
+        mirror = azimuth.startswith("delta_phi") or (not azimuth and {"phi_i", "phi_o"} <= set(places))
+        wave = places.get("wavelength")
+        return cls(places, values, units.pop() if len(units) == 1 else "", kinds.pop() if len(kinds) == 1 else "",
+                   mirror, "" if wave is None else meanings[wave].unit)  # fmt: skip
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _placed(
-    text: TextFile, line: int, header: list[str], width: int, chosen: dict[str, Any]
-) -> tuple[dict[str, int], list[int], str | None, bool]:
-    """(column of each role, value columns, unit of the angles, whether the header speaks for itself)."""
+def _placed(text: TextFile, rows: Rows, said: _Said, chosen: dict[str, Any]) -> tuple[dict[str, int], list[int]]:
+    """(column of each role, value columns): options, then what the header says of columns that no option took."""
     places: dict[str, int] = {}
-    units = set()
-    for k, name in enumerate(header):
-        if found := _OWN.fullmatch(name):
-            places.setdefault(found[1], k)
-            units.add(found[2])
-    own = {"theta_i", "theta_o", "delta_phi"} <= set(places) and len(units) == 1
-    if not own:
-        places = {}
     for role in ROLES:
         if chosen[role] is not None:
-            places[role] = _place(text, line, role, chosen[role], header, width)
+            places[role] = _place(text, rows, role, chosen[role])
+    values = []
     if chosen["value"] is not None:
-        values = [_place(text, line, "value", part, header, width) for part in split_list(chosen["value"])]
-    else:
-        values = [k for k, name in enumerate(header) if name.startswith("f_r_")] if own else []
+        values = [_place(text, rows, "value", part) for part in split_list(chosen["value"])]
     if len(set(values)) < len(values):
-        raise text.bad(line, "value", f"value={chosen['value']} names a column twice", "each column once")
-    return places, values, units.pop() if own else None, own
+        raise text.bad(rows.line, "value", f"value={chosen['value']} names a column twice", "each column once")
+    taken = {*places.values(), *values}
+    azimuth_named = chosen["delta_phi"] is not None or chosen["phi_o"] is not None
+    for role, place in said.places.items():
+        if role in places or place in taken or (azimuth_named and role in ("phi_i", "phi_o", "delta_phi")):
+            continue
+        places[role] = place
+    if chosen["value"] is None:
+        values = [k for k in said.values if k not in taken]
+    if chosen["wavelength"] is None and len(values) != 1:
+        places.pop("wavelength", None)  # a column a wavelength: another one says nothing of them
+    if "delta_phi" in places and "phi_o" in places:  # one says all; delta_phi is what the look-up takes
+        del places["phi_o"]
+        places.pop("phi_i", None)
+    return places, values
 
 
-def _place(text: TextFile, line: int, role: str, name: str, header: list[str], width: int) -> int:
+def _place(text: TextFile, rows: Rows, role: str, name: str) -> int:
     """Index of the column called `name`, or numbered so from 1."""
-    if header.count(name) == 1:
-        return header.index(name)
+    header, width = rows.names, rows.width
+    for names in (header, rows.comment):
+        if names.count(name) == 1:
+            return names.index(name)
     if name.isascii() and name.isdigit() and len(name) < 6 and 1 <= int(name) <= width and name not in header:
         return int(name) - 1
-    listed = ", ".join(header)[:400] if header else f"1 to {width}"
+    names = header or rows.comment
+    listed = ", ".join(names)[:400] if names else f"1 to {width}"
     why = "twice" if name in header else "not there"
-    raise text.bad(line, role, f"{role}={name[:40]}: column {why}", f"one of: {listed}", "no_such_column")
+    raise text.bad(rows.line, role, f"{role}={name[:40]}: column {why}", f"one of: {listed}", "no_such_column")
+
+
+def _signed(rows: Rows, places: dict[str, int]) -> bool:
+    """Whether polar angles carry a sign, so that a file without azimuths says on which side they lie."""
+    wanted = [places[role] for role in ("theta_i", "theta_o") if role in places]
+    if len(wanted) < 2:
+        return False
+    for _, line in rows.body:
+        cells = rows.split(line)
+        if any(k < len(cells) and cells[k][:1] == "-" and cells[k] not in BLANK for k in wanted):
+            return True
+    return False
 
 
 def _missing(
-    places: dict[str, int], values: list[int], unit: str | None, own: bool, chosen: dict[str, Any]
+    places: dict[str, int], values: list[int], said: _Said, in_plane: bool, chosen: dict[str, Any]
 ) -> list[str]:
     """The options that have to be given."""
     missing = [f"{role}=COLUMN" for role in ("theta_i", "theta_o") if role not in places]
-    if "delta_phi" not in places and "phi_o" not in places:
+    if "delta_phi" not in places and "phi_o" not in places and not in_plane:
         missing.append("phi_o=COLUMN (and phi_i=COLUMN) or delta_phi=COLUMN")
     if not values:
         missing.append("value=COLUMN")
-    if unit is None and chosen["angles"] is None:
+    if not said.unit and chosen["angles"] is None:
         missing.append("angles=deg or angles=rad")
-    if not own and chosen["mirror"] is None:
+    named = any(chosen[role] is not None for role in ("delta_phi", "phi_o"))
+    if not in_plane and (named or not said.mirror) and chosen["mirror"] is None:
         missing.append("mirror=180 (phi_o - phi_i of the mirror direction, or 0)")
-    if not (own and chosen["value"] is None) and chosen["quantity"] is None:
+    if (chosen["value"] is not None or not said.quantity) and chosen["quantity"] is None:
         missing.append("quantity=f, f_cos or pi_f")
     return missing
 
 
 def _numbers(
-    text: TextFile, rows: list[tuple[int, str]], separator: str, width: int, used: list[int], header: list[str]
+    text: TextFile, rows: Rows, places: list[int], values: list[int]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    if not rows:
+    if not rows.body:
         raise text.bad(len(text.lines), "rows", "no rows after the header", "rows of numbers")
-    if len(rows) * width > MAX_NUMBERS:
-        raise text.bad(rows[0][0], "rows", f"more than {MAX_NUMBERS} numbers", "a smaller file")
-    table = np.zeros((len(rows), width))
-    for k, (number, row) in enumerate(rows):
-        cells = _cells(row, separator)
-        if len(cells) != width:
-            raise text.bad(number, "row", f"{len(cells)} fields", f"{width}, as the first line has")
+    if len(rows.body) * rows.width > MAX_NUMBERS:
+        raise text.bad(rows.body[0][0], "rows", f"more than {MAX_NUMBERS} numbers", "a smaller file")
+    used, blank = sorted({*places, *values}), set(values)
+    table = np.zeros((len(rows.body), rows.width))
+    for k, (number, row) in enumerate(rows.body):
+        cells = rows.split(row)
+        if len(cells) != rows.width:
+            raise text.bad(number, "row", f"{len(cells)} fields", f"{rows.width}, as the first line has")
         for place in used:
-            table[k, place] = text.number(cells[place], number, header[place] if header else f"column {place + 1}")
-    return table, np.array([number for number, _ in rows], np.int64)
+            cell = cells[place]
+            if place in blank and cell.lower() in BLANK:  # no value was written: counted where rows are chosen
+                table[k, place] = np.nan
+                continue
+            name = rows.names[place] if rows.names else f"column {place + 1}"
+            table[k, place] = text.number(rows.decimal(cell), number, name)
+    return table, np.array([number for number, _ in rows.body], np.int64)
 
 
 def _counted(text: TextFile, comments: list[str], found: int) -> None:

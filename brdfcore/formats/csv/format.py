@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +18,22 @@ from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.format import Format
 from brdfcore.formats.base.measurements import Measurements
 from brdfcore.formats.base.regrid import POLICIES, not_scattered, to_brdf
-from brdfcore.formats.base.text_rows import TextFile
+from brdfcore.formats.base.text_rows import TextFile, decoded
 from brdfcore.formats.csv.columns import Columns, columns_of, split_list
+from brdfcore.formats.csv.header import wavelengths
+from brdfcore.formats.csv.rows import has_table
+from brdfcore.formats.csv.values import values_of
 from brdfcore.tables.scattered.table import Scattered
 
 Float64Array = npt.NDArray[np.float64]
 
+#: Ends of names of text tables, which many programs write.
+_TEXT = (".csv", ".tsv", ".txt", ".dat", ".asc")
 _TITLE = "# BRDF measurements"
-_WAVELENGTH = re.compile(r"(?:f_r_)?(\d+(?:\.\d*)?(?:e[-+]?\d+)?)\s*(nm|um)", re.IGNORECASE)
 _QUANTITIES = {
     "f": "f_r in 1/sr, without the cosine",
     "f_cos": "f_r cos(theta_o); divided by the cosine on reading",
-    "pi_f": "pi f_r; divided by pi on reading",
+    "pi_f": "pi f_r (BRF; relative to a white diffuser); divided by pi on reading",
 }
 
 
@@ -41,8 +46,10 @@ class CsvFormat(Format):
 
     A header of theta_i_deg, theta_o_deg, delta_phi_deg (or _rad) and f_r_NAME or f_r_550nm says all: so are files
     written here and by `brdf eval --csv`. Of any other the columns (by name, or by number from 1), the unit of the
-    angles, the azimuth of the mirror direction and the quantity have to be given; what is missing is an error that
-    names the option. Read to a `scattered` table.
+    angles, the azimuth of the mirror direction and the quantity have to be given as far as usual names do not say
+    them; what is missing is an error that names the option. Lines before the header, quotes, decimal commas, blank
+    cells and UTF-16 are read. Without azimuths a signed theta_o lies in the plane of incidence, positive on the mirror
+    side. Read to a `scattered` table.
     """
 
     name = "csv"
@@ -59,13 +66,20 @@ class CsvFormat(Format):
         _text("uncertainty", "column of the standard uncertainty of the value, in its unit, or [several]"),
         _text("wavelength", "column of the wavelength: each row is one channel of a geometry"),
         Parameter(
-            "wavelength_unit", "", "of that column", "nm", kind="choice", choices=("nm", "um"),
+            "wavelength_unit", "", "of that column; not given: its header's, else um where all lie below 30, else nm",
+            None, kind="choice", choices=("nm", "um"),
         ),
         Parameter("angles", "", "unit of the angles; not given: the header's", None, kind="choice",
                   choices=("deg", "rad")),
         Parameter("mirror", "", "phi_o - phi_i of the mirror direction; not given: 180 where the header says delta_phi",
                   None, bounds=(-360, 360), unit="degrees", per_channel=False),
         Parameter("quantity", "", "what the values are", None, kind="choice", choices=tuple(_QUANTITIES)),
+        Parameter("unit", "", "of the values: as they are, or percent", "one", kind="choice",
+                  choices=("one", "percent")),
+        Parameter("scale", "", "the values are multiplied by it", 1.0, bounds=(0, 1e12), open_bounds=("low",),
+                  per_channel=False),
+        Parameter("sentinel", "", "values that mean none: auto (-9999, -1, 999 and the like, where they stand apart), "
+                  "none, or the numbers, as [-9999,-1]", "auto", kind="text"),
         Parameter(
             "invalid", "", "rows with a value that is not finite", "drop", kind="choice", choices=("drop", "error")
         ),
@@ -75,6 +89,7 @@ class CsvFormat(Format):
 
     def sniff(self, head: bytes) -> bool:
         """Rows of numbers, a header naming angles, or a header of any names above a row of as many numbers."""
+        head = decoded(head)
         if b"\0" in head or not head.strip():
             return False
         lines = head.decode("latin-1").splitlines()
@@ -83,12 +98,24 @@ class CsvFormat(Format):
             return lines[0].startswith(_TITLE)
         separator = next((s for s in ",;\t" if s in rows[0]), None)  # None: any blanks
         first, second = ([c.strip() for c in row.lower().split(separator) if c.strip()] for row in [*rows, ""][:2])
-        if len(first) < 4 or rows[0].startswith(("{", "[", "<", "VARS")):
+        if len(first) < 3 or rows[0].startswith(("{", "[", "<", "VARS")):
             return False
         if any("theta" in c or c.startswith("f_r") for c in first):
             return True
         numbers = [all(re.fullmatch(r"[-+0-9.e]+|nan|inf", c) for c in cells) for cells in (first, second)]
-        return numbers[0] or (numbers[1] and len(second) == len(first))
+        return len(first) > 3 and (numbers[0] or (numbers[1] and len(second) == len(first)))
+
+    def may_be(self, name: str, head: bytes, options: Iterable[str]) -> bool:
+        """Text whose columns are named by options, whose name ends as text does, or with a table anywhere in it."""
+        head = decoded(head)
+        if b"\0" in head or not head.strip() or head.lstrip().startswith((b"{", b"<")):
+            return False
+        printing = sum(byte >= 32 or byte in b"\t\n\r\f" for byte in head)
+        if printing < 0.98 * len(head):
+            return False
+        if {"theta_i", "theta_o", "value"} & set(options) or Path(name).suffix.lower() in _TEXT:
+            return True
+        return bool(name) and has_table(head.decode("latin-1"))
 
     def read(self, path: Path, **options: Any) -> Brdf:
         """Read a file; raises `FileFormatError` naming file, line and field, `StorageError` if it can't be opened."""
@@ -118,59 +145,57 @@ def measurements_of(path: Path, chosen: dict[str, Any]) -> Measurements:
     """The rows of a file of columns; `chosen`: every option of `CsvFormat`."""
     text = TextFile(path)
     columns = columns_of(text, chosen)
-    rows = columns.numbers
-    angle = {name: columns.column(name) for name in ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi")}
-    values = columns.values()
-    spread = columns.uncertainty(text)
-    done: list[str] = []
-    degrees = columns.angles == "deg"
-    if columns.quantity == "f_cos":
-        cosine = np.cos(np.radians(angle["theta_o"]) if degrees else angle["theta_o"])
-        at_horizon = np.flatnonzero(~(np.abs(cosine) > 1e-6))
-        if at_horizon.size:
-            line = int(rows[at_horizon[0]])
-            raise text.bad(line, "theta_o", "f cos(theta_o) at the horizon, where f is 0/0", "theta_o below 90 degrees")
-        values, spread = values / cosine[:, None], None if spread is None else spread / cosine[:, None]
-        done.append("values divided by cos(theta_o): the file holds f_r cos(theta_o)")
-    elif columns.quantity == "pi_f":
-        values, spread = values / np.pi, None if spread is None else spread / np.pi
-        done.append("values divided by pi: the file holds pi f_r")
+    found = values_of(text, columns, chosen)
+    rows, values, done = columns.numbers[found.rows], found.values, found.done
+    angle = {name: columns.column(name)[found.rows] for name in ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi")}
     channels = _channels(text, columns, chosen)
-    if chosen["wavelength"] is not None:
-        wavelengths = columns.column("wavelength") * (1000 if chosen["wavelength_unit"] == "um" else 1)
-        spread = None if spread is None else _pivoted(text, angle, spread, rows, wavelengths)[1]
-        angle, values, rows, channels = _pivoted(text, angle, values, rows, wavelengths)
+    spread = columns.uncertainty(text)
+    if spread is not None:
+        spread = spread[found.rows] * found.factor
+    if "wavelength" in columns.places:
+        waves = columns.column("wavelength")[found.rows]
+        unit = chosen["wavelength_unit"] or columns.wavelength_unit
+        if unit not in ("nm", "um"):
+            unit = "um" if waves.size and float(waves.max()) < 30 else "nm"
+            done.append(f"wavelengths taken as {unit}: from {waves.min():g} to {waves.max():g}")
+        waves = waves * (1000 if unit == "um" else 1)
+        spread = None if spread is None else _pivoted(text, angle, spread, rows, waves)[1]
+        angle, values, rows, channels = _pivoted(text, angle, values, rows, waves)
         done.append(f"rows of {len(channels)} wavelengths joined into one a geometry")
-    scale = {"f": 1.0, "f_cos": "1/cos(theta_o)", "pi_f": 1 / np.pi}[columns.quantity]
+    if columns.before:
+        done.append(f"{columns.before} lines before the header left out")
+    azimuth = "no column: a negative theta_o lies on the light's side, a positive one on the mirror side"
+    if not columns.in_plane:
+        azimuth = f"phi_o - phi_i = {columns.mirror:g} degrees is the mirror direction"
     return Measurements.from_columns(
         angle["theta_i"],
         angle["phi_i"],
         angle["theta_o"],
-        angle["phi_o"] if chosen["delta_phi"] is None and columns.places.get("delta_phi") is None
-        else angle["delta_phi"] + angle["phi_i"],
+        angle["delta_phi"] + angle["phi_i"] if "delta_phi" in columns.places else angle["phi_o"],
         values,
         channels,
         file=text.name,
         format="csv",
         lines=rows,
-        degrees=degrees,
+        degrees=columns.angles == "deg",
         mirror=columns.mirror,
         invalid="error" if chosen["invalid"] == "error" else "drop",
         conventions={
             "value": _QUANTITIES[columns.quantity],
             "angles": {"deg": "degrees", "rad": "radians"}[columns.angles],
-            "azimuth": f"phi_o - phi_i = {columns.mirror:g} degrees is the mirror direction",
+            "azimuth": azimuth,
             "zenith": "a negative theta is the other side: (|theta|, phi + 180 degrees)",
             **({} if "delta_phi" in columns.places or "phi_i" in columns.places else {"phi_i": "no column: 0"}),
             "columns": ", ".join(f"{k} = {v}" for k, v in columns.described().items()),
             "said by": "the file's header" if columns.own_header else "the reader's options",
         },
-        found={"columns": columns.width, "separator": columns.separator, "scale factor": scale},
+        found={"columns": columns.width, "separator": columns.separator, "scale factor": found.scale, **found.counts},
         done=done,
+        warnings=found.warnings,
         source=text.source,
         description=columns.title,
         uncertainty=spread,
-    )  # fmt: skip
+    )
 
 
 def _channels(text: TextFile, columns: Columns, chosen: dict[str, Any]) -> Channels:
@@ -182,10 +207,11 @@ def _channels(text: TextFile, columns: Columns, chosen: dict[str, Any]) -> Chann
             f"channels={chosen['channels']} names {len(names)} for {len(columns.value_places)} value columns",
             "one name or wavelength a column",
         )
-    found = [_WAVELENGTH.fullmatch(name) for name in names]
     try:
-        if all(found):
-            return Channels([float(m[1]) * (1000 if m[2].lower() == "um" else 1) for m in found if m], "wavelength")
+        if columns.names or chosen["channels"]:
+            nanometres = wavelengths(names)
+            if nanometres is not None:
+                return Channels(nanometres, "wavelength")
         return Channels([name.removeprefix("f_r_") or name for name in names])
     except InputError as error:
         raise text.bad(columns.header_line, "channels", error.detail[:200], "different names or wavelengths") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,11 @@ from brdfcore.formats.base.format import Format
 _HEAD = 16_384
 
 
-def sniff(path: str | PathLike[str]) -> str:
-    """Name of the format of a file, by its first 16,384 bytes; file names are not trusted.
+def sniff(path: str | PathLike[str], options: Iterable[str] = ()) -> str:
+    """Name of the format of a file, by its first 16,384 bytes.
+
+    options  names of the options that it is to be read with: what names columns says that it is text. Where the bytes
+             leave it open, that and the end of the file's name (.csv, .txt, .dat) decide; else names are not trusted.
 
     Raises `StorageError` if the file can't be opened, `FileFormatError` if no format knows it; that error names the
     kinds of file that are recognised and not read, and says what to do with them.
@@ -34,7 +38,14 @@ def sniff(path: str | PathLike[str]) -> str:
     for name in FORMATS.names():
         if _format(name).sniff(head):
             return name
+    named = tuple(options)
+    for name in FORMATS.names():
+        if _format(name).may_be("", head, named):
+            return name
     refuse_foreign(head, path.name)
+    for name in FORMATS.names():
+        if _format(name).may_be(path.name, head, ()):
+            return name
     raise FileFormatError(
         "unknown_format",
         f"{path.name}: no known format begins with {head[:16]!r}; known: {', '.join(FORMATS.names())}",
@@ -57,7 +68,7 @@ def read(path: str | PathLike[str], format: str | None = None, **options: Any) -
     """
     path = Path(path)
     if format is None:
-        format = sniff(path)
+        format = sniff(path, options)
     else:
         _head(path)  # the same clear error for a missing file
     return _format(format).read(path, **options)

@@ -2,8 +2,9 @@
 
 f is interpolated as asinh(f/d): the logarithm where f is above d, linear through 0 below, so that zeros and negative
 noise stay what they are. Coordinates: theta_h on a logarithmic scale that resolves the lobe, theta_d, theta_i and
-theta_o; one more, odd in delta_phi, where both sides were measured; theta_h and theta_d alone for measurements in the
-plane of incidence. The scales, d, the basis function and its smoothing are chosen by cross-validation.
+theta_o; one more, odd in delta_phi, where both sides were measured; two alone for measurements in the plane of
+incidence, which do not tell how f goes on out of it (`tables.scattered.in_plane`). The scales, d, the basis function
+and its smoothing are chosen by cross-validation.
 
 Interpolation: `scipy.interpolate.RBFInterpolator` (G. Fasshauer, Meshfree Approximation Methods with MATLAB, 2007,
 DOI 10.1142/6437).
@@ -19,6 +20,7 @@ import numpy.typing as npt
 
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.tables.scattered.coverage import sideways
+from brdfcore.tables.scattered.in_plane import assumption, off_mirror
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -41,6 +43,8 @@ class Settings:
     noise      "relative": the same smoothing everywhere, as fits errors proportional to f; "additive": times
                10 d^2/(f^2 + d^2), as fits errors of one size, which only small values feel.
     floor      d of asinh(f/d) as a share of the median measurement.
+    plane      of measurements in the plane of incidence only: what keeps its value out of it, of `in_plane.ASSUMED`.
+    power      p of f (cos(theta_i) cos(theta_o))^p, which then keeps it.
     """
 
     width: float = 0.05
@@ -49,6 +53,8 @@ class Settings:
     smoothing: float = 1e-3
     noise: str = "additive"
     floor: float = 0.1
+    plane: str = "f"
+    power: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -85,6 +91,8 @@ class Predictor:
         from scipy.interpolate import RBFInterpolator
 
         self.bilateral, self.in_plane, self.settings = bilateral, in_plane, settings
+        self._grazing = float(np.cos(min(angles[:, :2].max(), HALF_PI - 1e-3)))
+        values = values * self._factor(angles[:, 0], angles[:, 1])
         typical = np.abs(values).mean(axis=1)
         found = typical[typical > 0]
         self.floor = settings.floor * float(np.median(found)) if found.size else 1.0
@@ -135,6 +143,10 @@ class Predictor:
         """Coordinates of pairs of directions, below the horizon too, (n, k)."""
         width = self.settings.width
         lobe = self.settings.stretch * np.arcsinh(theta_h / width) / np.arcsinh(HALF_PI / width)
+        if self.in_plane and self.settings.plane == "lobe":
+            away = off_mirror(theta_i, theta_o, delta_phi)
+            lobe = self.settings.stretch * np.arcsinh(away / width) / np.arcsinh(np.pi / width)
+            return np.stack([lobe, theta_i], axis=1)
         if self.in_plane:
             return np.stack([lobe, theta_d], axis=1)
         columns = [lobe, theta_d, theta_i, theta_o]
@@ -142,7 +154,17 @@ class Predictor:
             columns.append(sideways(theta_i, theta_o, delta_phi))
         return np.stack(columns, axis=1)
 
-    def __call__(self, features: Float64Array) -> tuple[Float64Array, int]:
+    def _factor(self, theta_i: Float64Array, theta_o: Float64Array) -> Float64Array:
+        """What f is multiplied by before it is interpolated, (n, 1): (cos(theta_i) cos(theta_o))^p, each cosine held at
+        its smallest measured value beyond the most grazing angle."""
+        if not (self.in_plane and self.settings.power):
+            return np.ones((1, 1))
+        cosines = np.prod([np.maximum(np.cos(t), self._grazing) for t in (theta_i, theta_o)], axis=0)
+        return np.asarray(cosines**self.settings.power)[:, None]
+
+    def __call__(
+        self, features: Float64Array, theta_i: Float64Array, theta_o: Float64Array
+    ) -> tuple[Float64Array, int]:
         """(f_r (n, channels), how many values were held to `HEADROOM` times the largest measured one).
 
         Coordinates beyond the range of the measured ones are held at its limits: f goes on as it was there.
@@ -150,17 +172,22 @@ class Predictor:
         found = self._interpolator(self._flattened(np.clip(features, *self._range)))
         low, high = self._limits
         limited = int((found > high).sum())
-        return np.sinh(np.clip(found, low, high)) * self.floor, limited
+        return np.sinh(np.clip(found, low, high)) * self.floor / self._factor(theta_i, theta_o), limited
 
     def at(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
         """f_r of pairs of directions, (n, channels)."""
-        return self(self._features(theta_i, theta_o, delta_phi))[0]
+        return self(self._features(theta_i, theta_o, delta_phi), theta_i, theta_o)[0]
 
 
 def choose(
-    angles: Float64Array, values: Float64Array, bilateral: bool, in_plane: bool, smoothing: float | None = None
+    angles: Float64Array,
+    values: Float64Array,
+    bilateral: bool,
+    in_plane: bool,
+    smoothing: float | None = None,
+    plane: str = "auto",
 ) -> tuple[Settings, float]:
-    """(settings, their mean relative error on a seeded held-out quarter); `smoothing` as given.
+    """(settings, their mean relative error on a seeded held-out quarter); `smoothing` as given, `plane` as asked.
 
     The smallest of that error plus a tenth of the L1 error (weight c_o) on the other three quarters. The relative error
     of a geometry is sum |f' - f| / sum |f| over its channels, at most 1.
@@ -169,8 +196,10 @@ def choose(
     order = rng.permutation(len(angles))[:_CHOSEN_ON]
     held, kept = np.split(order, [int(_HELD_OUT * order.size)])
     local = len(angles) > ALL_AT_ONCE
-    robust = Settings(kernel="linear", smoothing=3e-2 if smoothing is None else smoothing, noise="relative")
-    best = robust if local else Settings(smoothing=Settings.smoothing if smoothing is None else smoothing)
+    assumed = assumption(angles, values, plane)._asdict() if in_plane else {"name": Settings.plane, "power": 0.0}
+    outside: dict[str, Any] = {"plane": assumed["name"], "power": assumed["power"]}
+    robust = Settings(kernel="linear", smoothing=3e-2 if smoothing is None else smoothing, noise="relative", **outside)
+    best = robust if local else Settings(smoothing=Settings.smoothing if smoothing is None else smoothing, **outside)
     if held.size < 4 or kept.size < 12:
         return robust, float("nan")
 

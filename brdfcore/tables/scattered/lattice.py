@@ -35,6 +35,7 @@ class Policy:
     smoothing: float | None = None
     gap: float = float(np.radians(15))
     shape: tuple[int, ...] | None = None
+    plane: str = "auto"
 
 
 def lattice_shape(shape: tuple[int, ...] | None, bilateral: bool) -> tuple[int, int, int]:
@@ -99,7 +100,7 @@ def nodes_of(
     nodes, limited = np.empty((theta_i.size, values.shape[1])), 0
     for start in range(0, theta_i.size, _CHUNK):
         part = slice(start, start + _CHUNK)
-        nodes[part], above_limit = predictor(features[part])
+        nodes[part], above_limit = predictor(features[part], theta_i[part], theta_o[part])
         limited += above_limit
         if progress is not None:
             progress(min(start + _CHUNK, theta_i.size), theta_i.size, "predicting the nodes")

@@ -183,7 +183,7 @@ class Scattered(HalfLattice):
         if progress is not None:
             progress(0, 1, "choosing the interpolator")
         coverage = Coverage(angles, policy.gap, bilateral)
-        settings, error = choose(points, means, bilateral, coverage.in_plane, policy.smoothing)
+        settings, error = choose(points, means, bilateral, coverage.in_plane, policy.smoothing, policy.plane)
         predictor = Predictor(points, means, bilateral, coverage.in_plane, settings)
         layout = layout_of(bilateral)
         nodes, done = nodes_of(predictor, layout, shape, coverage, values, policy, progress)
@@ -235,7 +235,7 @@ class Scattered(HalfLattice):
         if isinstance(source, Scattered):
             angles, values = source.angles, source.measured
             policy = Policy(source.policy.holes, options.negatives, source.policy.smoothing, source.policy.gap,
-                            options.shape or source.policy.shape)  # fmt: skip
+                            options.shape or source.policy.shape, source.policy.plane)  # fmt: skip
         else:
             angles = goniometer(bilateral)
             values = source.evaluate(*angles.T).astype(np.float64)
@@ -263,6 +263,7 @@ class Scattered(HalfLattice):
     def attributes(self) -> dict[str, Any]:
         policy = {"holes": self.policy.holes, "negatives": self.policy.negatives, "gap": self.policy.gap}
         policy |= {"smoothing": self.policy.smoothing, "shape": list(self.policy.shape or ())}
+        policy |= {"plane": self.policy.plane}
         return {**super().attributes(), "policy": policy, "settings": self.settings.to_json()}
 
     @classmethod

@@ -79,9 +79,13 @@ def test_a_table_of_an_instrument_is_told_by_its_rows(head: str, tmp_path: Path)
     rows = [separator.join(map(str, row)) for row in ((10, 20, 180, 0.5), (10, 30, 180, 0.4))]
     (tmp_path / "x.txt").write_text("\n".join(["# an instrument", head, *rows]))
     assert bc.sniff(tmp_path / "x.txt") == "csv"
-    (tmp_path / "y.txt").write_text("\n".join([head, "some words here too", *rows]))
-    with pytest.raises(bc.FileFormatError):
-        bc.sniff(tmp_path / "y.txt")
+    (tmp_path / "y").write_text("\n".join([head, "some words here too", *rows, ""]))
+    assert bc.sniff(tmp_path / "y") == "csv"
+    (tmp_path / "z").write_text("\n".join([head, "some words here too", "and 3 numbers: 1 2 3"]))
+    with pytest.raises(bc.FileFormatError, match="no known format"):
+        bc.sniff(tmp_path / "z")
+    (tmp_path / "z").rename(tmp_path / "z.dat")
+    assert bc.sniff(tmp_path / "z.dat") == "csv"
 
 
 def test_columns_by_number_units_and_quantities(tmp_path: Path) -> None:

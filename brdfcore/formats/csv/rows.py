@@ -1,0 +1,195 @@
+"""The rows of a text table, whatever stands around them: separator, decimal comma, quotes, lines before the header."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass
+
+from brdfcore.formats.base.text_rows import TextFile, printable
+from brdfcore.formats.csv.header import meaning
+
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "": "blanks"}
+#: What stands for "no value" in a cell, whatever column.
+BLANK = frozenset({"", "-", "--", "---", "n/a", "na", "#n/a", "null", "none", "nan", "."})
+#: Lines that may stand before the header, and cells of a row.
+_BEFORE, MAX_COLUMNS = 200, 4_096
+#: Characters among which the table's begin is looked for, and what a name of a polar angle has in it.
+_LOOKED_AT = 200_000
+_HINT = re.compile("theta|angle|aoi|incidence", re.I)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where a text table lies in its file.
+
+    separator      "," ";" "\\t" or "" for blanks; `comma`: whether a comma is the decimal sign.
+    names, line    the header, [] without, and its line (of the first row without).
+    body           (line, text) of the rows.
+    width          cells of a row.
+    before         lines before the header that are neither blank nor a comment.
+    comment        names in the last comment before the rows, where there are as many as columns.
+    """
+
+    separator: str
+    comma: bool
+    names: list[str]
+    line: int
+    body: list[tuple[int, str]]
+    width: int
+    before: int
+    comment: list[str]
+
+    def split(self, text: str) -> list[str]:
+        """The cells of a row; empty ones beyond the width are separators that a spreadsheet left behind."""
+        found = cells(text, self.separator)
+        while len(found) > self.width and not found[-1]:
+            found.pop()
+        return found
+
+    def decimal(self, cell: str) -> str:
+        return cell.replace(",", ".", 1) if self.comma else cell
+
+
+def cells(line: str, separator: str) -> list[str]:
+    """The cells of a line, without their quotes."""
+    if not separator:
+        return [c.strip('"') for c in line.split()]
+    if '"' in line:
+        try:
+            return [c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+        except csv.Error:  # a quote within a cell
+            pass
+    return [c.strip() for c in line.split(separator)]
+
+
+def rows_of(text: TextFile) -> Rows:
+    """Find the table in a file; `FileFormatError` where there is none."""
+    lines = [(k + 1, line.partition("#")[0].rstrip(" ").lstrip(" ")) for k, line in enumerate(text.lines)]
+    lines = [(number, line) for number, line in lines if line.strip(" \t;,")]
+    if not lines:
+        raise text.bad(len(text.lines), "rows", "no rows", "rows of numbers")
+    start, header, separator = _found(_first([line for _, line in lines]))
+    at = start if header is None else header
+    names = _trimmed(cells(lines[at][1], separator))
+    if len(names) > MAX_COLUMNS:
+        raise text.bad(lines[at][0], "header", f"{len(names)} columns", f"at most {MAX_COLUMNS}")
+    body = lines[start:]
+    comment: list[str] = []
+    if header is None:
+        said = [line.strip("# \t") for line in text.lines[: lines[start][0] - 1] if line.lstrip().startswith("#")]
+        comment = cells(said[-1], separator) if said else []
+        comment = [printable(c) for c in comment] if len(comment) == len(names) else []
+    elif body and header + 1 < start:  # a row of units
+        units = _trimmed(cells(lines[header + 1][1], separator))
+        names = [f"{n} [{u}]" if u else n for n, u in zip(names, units, strict=True)]
+    first = next((cells(line, separator) for _, line in body), [])
+    comma = separator != "," and any(re.fullmatch(r"[-+]?\d+,\d+(e[-+]?\d+)?", c, re.I)
+                                     for _, line in body[:50] for c in cells(line, separator))  # fmt: skip
+    width = len(names) if header is not None else len(_trimmed(first))
+    named = [] if header is None else [printable(n) for n in names]
+    return Rows(separator, comma, named, lines[at][0], body, width, at, comment)
+
+
+def has_table(head: str) -> bool:
+    """Whether a table stands anywhere in the first lines of a file: two rows of three or more numbers, or a header that
+    names both polar angles."""
+    lines = [line.partition("#")[0].strip(" ") for line in head.splitlines()[:-1]]
+    lines = [line for line in lines if line.strip(" \t;,")]
+    lines = _first(lines)
+    return bool(lines) and (_named(lines) is not None or _first_rows(lines) is not None)
+
+
+def _first(lines: list[str]) -> list[str]:
+    """The lines among which the table has to begin."""
+    total = 0
+    kept: list[str] = []
+    for line in lines[: _BEFORE + 2]:
+        total += len(line)
+        if kept and total > _LOOKED_AT:
+            break
+        kept.append(line)
+    return kept
+
+
+def _trimmed(found: list[str]) -> list[str]:
+    found = list(found)
+    while len(found) > 1 and not found[-1]:
+        found.pop()
+    return found
+
+
+def _found(lines: list[str]) -> tuple[int, int | None, str]:
+    """(index of the first row, of the header or None, separator) of the first table among `lines`."""
+    named = _named(lines)
+    if named is not None:
+        return _after(lines, *named), *named
+    best = _first_rows(lines)
+    if best is None:  # no rows: whatever stands first is the header
+        first = next((s for s in (",", ";", "\t") if s in lines[0]), "")
+        width, numbers = _numeric(lines[0], first)
+        return (0, None, first) if width == numbers else (1, 0, first)
+    start, separator = best
+    width = _numeric(lines[start], separator)[0]
+    for header in (start - 1, start - 2):
+        if header < 0:
+            break
+        above = _trimmed(cells(lines[header], separator))
+        if len(above) < min(width, 3) or len(above) > width + 1:
+            break
+        upper = _trimmed(cells(lines[header - 1], separator)) if header else []
+        if header == start - 1 and _are_units(above) and len(upper) == len(above):
+            continue
+        return start, header, separator
+    return start, None, separator
+
+
+def _named(lines: list[str]) -> tuple[int, str] | None:
+    """(index, separator) of a header that names both polar angles: it is one, whatever follows."""
+    for k, line in enumerate(lines):
+        if _HINT.search(line):
+            for separator in SEPARATORS:
+                if {"theta_i", "theta_o"} <= {meaning(c).role for c in cells(line, separator)[:MAX_COLUMNS]}:
+                    return k, separator
+    return None
+
+
+def _first_rows(lines: list[str]) -> tuple[int, str] | None:
+    """(index, separator) of the first of two rows of three or more numbers and as many cells."""
+    best: tuple[int, str] | None = None
+    for separator in (";", "\t", ",", ""):
+        kinds = [_numeric(line, separator) for line in lines]
+        for k, (width, numbers) in enumerate(kinds):
+            following = kinds[k + 1] if k + 1 < len(kinds) else (width, numbers)
+            if numbers >= 3 and following[0] == width and following[1] >= 3 and (best is None or k < best[0]):
+                best = k, separator
+                break
+    return best
+
+
+def _after(lines: list[str], header: int, separator: str) -> int:
+    """Index of the first row below a header: a row of units is none."""
+    if header + 1 < len(lines):
+        below = _trimmed(cells(lines[header + 1], separator))
+        if _are_units(below) and len(below) == len(_trimmed(cells(lines[header], separator))):
+            return header + 2
+    return header + 1
+
+
+def _are_units(found: list[str]) -> bool:
+    known = re.compile(r"[\[(]?(deg|degrees?|rad|radians?|1/sr|sr-1|sr\^-1|nm|um|%|-|)[\])]?", re.I)
+    return any(re.search("[a-z]", c, re.I) for c in found) and all(known.fullmatch(c) for c in found)
+
+
+def _numeric(line: str, separator: str) -> tuple[int, int]:
+    """(cells, how many of them are numbers) of a line."""
+    found = _trimmed(cells(line, separator))
+    return len(found), sum(_is_number(c, separator) for c in found)
+
+
+def _is_number(cell: str, separator: str) -> bool:
+    try:
+        float(cell.replace(",", ".", 1) if separator != "," else cell)
+    except ValueError:
+        return False
+    return True
