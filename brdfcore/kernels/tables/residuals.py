@@ -21,6 +21,8 @@ _PER_CHORD = BUCKETS / 2.0
 _HALF_PI = np.pi / 2
 #: Closer than this a pair of directions is the measured one.
 _SAME = 1e-12
+#: Share of all weights that changes no digit.
+_NEGLIGIBLE = 1e-16
 
 
 @inline
@@ -98,7 +100,7 @@ def add_residuals(theta_i, theta_o, delta_phi, out, starts, members, points, rea
             for m in range(first, last):
                 k = members[m]
                 w = _weight(i, o, near, mirror, side, points, k, reach[k], two_sided)
-                if w > 0.0:
+                if w > _NEGLIGIBLE * total:  # at a measured 0 the value is 0, not what others weigh there
                     w /= total
                     for s in range(channels):
                         out[n, s] += w * residuals[k, s]

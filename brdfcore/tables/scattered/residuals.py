@@ -26,12 +26,12 @@ class Residuals:
     """r_k in 1/sr at geometries, and how far each reaches; how they are interpolated: `kernels.tables.residuals`.
 
     kept       float64 (k, 3)         theta_i, theta_o, delta_phi, rad
-    residuals  float32 (k, channels)  f_r measured, minus the lattice there; 0 where only a neighbour's has to end
+    residuals  float64 (k, channels)  f_r measured, minus the lattice there; 0 where only a neighbour's has to end
     reach      float64 (k,)           rad
     """
 
     kept: Float64Array
-    residuals: npt.NDArray[np.float32]
+    residuals: Float64Array
     reach: Float64Array
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -82,7 +82,7 @@ class Residuals:
         members = np.flatnonzero(wanted)
         held = np.unique(np.concatenate([np.asarray(n, np.intp) for n in near])) if members.size else members
         values = np.where(wanted[held, None], residuals[held], 0.0)
-        return cls(np.ascontiguousarray(angles[held]), values.astype(np.float32), np.ascontiguousarray(reach[held]))
+        return cls(np.ascontiguousarray(angles[held]), np.ascontiguousarray(values), np.ascontiguousarray(reach[held]))
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]], channels: int, most: int) -> Residuals | str | None:
@@ -91,7 +91,7 @@ class Residuals:
             return None
         for name, kind, width in (
             ("kept", np.float64, 3),
-            ("residuals", np.float32, channels),
+            ("residuals", np.float64, channels),
             ("reach", np.float64, 0),
         ):
             array = arrays.get(name)
