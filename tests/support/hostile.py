@@ -110,7 +110,7 @@ def attack(name: str, folder: Path, count: int, seed: int) -> dict[str, Any]:
     from tests.support.format_examples import example
 
     warnings.simplefilter("ignore")
-    path = example(name, folder)
+    path = next(folder.glob(f"example-{name}.*"), None) or example(name, folder)
     without_regridding(name)
     data = path.read_bytes()
     good = bc.read(path)

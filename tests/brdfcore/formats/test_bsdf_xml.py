@@ -19,6 +19,7 @@ from tests.shared import FOLDER, needs_shared
 from tests.support.hostile import BOMB
 from tests.support.plain_klems import FULL, HALF, QUARTER, Matrix, blocks, looked_up, tree
 from tests.support.radiance import asked, needs_radiance
+from tests.support.tiers import first_fast
 
 REAL = FOLDER / "data" / "klems" / "2011-SA1.XML"
 BASES = {"full": FULL, "half": HALF, "quarter": QUARTER}
@@ -58,7 +59,7 @@ def test_the_real_matrix(side: str) -> None:
     assert b.report["found"]["side"] == f"Reflection {side.title()}"
 
 
-@pytest.mark.parametrize("basis", ["full", "half", "quarter"])
+@pytest.mark.parametrize("basis", first_fast("quarter", "half", "full"))
 def test_written_matrices_hold_the_averages_over_patches(basis: str, tmp_path: Path) -> None:
     source = bc.model("ggx", roughness=0.35, diffuse=0.3, specular=0.5)
     with pytest.warns(LossWarning, match="misplaces"):
@@ -114,7 +115,7 @@ def test_a_written_tree_holds_the_averages_over_its_cells(tmp_path: Path) -> Non
 
 
 @needs_radiance
-@pytest.mark.parametrize("basis", ["full", "half", "quarter", "tree"])
+@pytest.mark.parametrize("basis", first_fast("quarter", "half", "full", "tree"))
 def test_radiance_sees_what_was_written(basis: str, tmp_path: Path) -> None:
     """From above (the file's Reflection Back) and below: directional-hemispherical reflectance within .5 %."""
     source = bc.model("ggx", roughness=0.3, diffuse=0.2, specular=0.6)

@@ -19,12 +19,22 @@ from tests.support.format_examples import example
 from tests.support.tiers import first_fast
 
 
+@pytest.fixture(scope="module")
+def examples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A valid file of each format, side by side."""
+    folder = tmp_path_factory.mktemp("examples")
+    return {name: example(name, folder) for name in bc.formats()}
+
+
 #: Formats read in one process, and files for each of the several hundred that are made of its example;
 #: `python -m tests.support.hostile NAME FOLDER 0 1` reads them all.
-@pytest.mark.parametrize(("names", "files"), first_fast((bc.formats(), 30), *(([name], 120) for name in bc.formats())))
-def test_hostile_files(names: list[str], files: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("names", "files"), first_fast((list(bc.formats()), 30), *(([name], 120) for name in bc.formats()))
+)
+def test_hostile_files(names: list[str], files: int, examples: dict[str, Path]) -> None:
     """Each is read or refused with an error that names file and place, in a second, in 200 MB beside what was there."""
-    command = [sys.executable, "-m", "tests.support.hostile", ",".join(names), str(tmp_path), str(files), "1"]
+    folder = str(examples[names[0]].parent)
+    command = [sys.executable, "-m", "tests.support.hostile", ",".join(names), folder, str(files), "1"]
     root = Path(__file__).parents[3]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=120, cwd=root, env={**os.environ, "PYTHONPATH": str(root)}
@@ -43,10 +53,9 @@ def test_hostile_files(names: list[str], files: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", bc.formats())
-def test_examples_are_told_apart_by_content(name: str, tmp_path: Path) -> None:
-    path = example(name, tmp_path)
+def test_examples_are_told_apart_by_content(name: str, examples: dict[str, Path], tmp_path: Path) -> None:
     other = tmp_path / "no-extension"
-    other.write_bytes(path.read_bytes())
+    other.write_bytes(examples[name].read_bytes())
     assert bc.sniff(other) == name
     head = other.read_bytes()[:16_384]
     # columns of numbers are the last resort: what else is text may look like them
