@@ -130,6 +130,9 @@ def _check(scene: _Scene, channels: int, settings: Settings) -> None:
     check_points(normals * max(_COST, len(scene.lights)), settings)
     check_values(normals * channels, settings)
     if scene.map is not None:
+        if scene.map.ndim not in (2, 3) or not scene.map.size:  # before an expansion is made for it
+            said = f"map: expected pixels of shape (h, w) or (h, w, channels), got {scene.map.shape}"
+            raise bc.InputError("bad_map", said, where="map", got=str(scene.map.shape))
         check_points(int(np.prod(scene.map.shape[:2])), settings)
 
 

@@ -54,6 +54,8 @@ class Drawing:
         """`apart`: in processes, which start with the first pictures; else in a thread."""
         self._kept: LRUCache[str, bytes] = LRUCache(KEPT_BYTES, getsizeof=len)
         self._making: dict[str, asyncio.Task[bytes]] = {}
+        #: In a thread, where nothing is measured or served in earnest, there is time.
+        self._wait = LONGEST_WAIT if apart else PATIENCE
         #: Mean of the seconds that pictures take.
         self._seconds = FIRST_SECONDS
         # matplotlib's font cache and lock are shared by all figures of a process: two at once are no faster, and would
@@ -85,7 +87,7 @@ class Drawing:
         task = self._making.get(etag)
         if task is None:
             # whoever would wait in vain is refused at once: a picture that comes too late is drawn for nobody
-            waiting, most = len(self._making), int(LONGEST_WAIT * len(self._workers) / self._seconds)
+            waiting, most = len(self._making), int(self._wait * len(self._workers) / self._seconds)
             if waiting >= max(most, 1):
                 text = f"{waiting} pictures wait to be drawn already; try again later"
                 raise BusyError("too_many_pictures", text, got=waiting, limit=most, retry_after=_RETRY)
@@ -94,14 +96,14 @@ class Drawing:
             task.add_done_callback(lambda done: done.cancelled() or done.exception())
         try:
             # one who goes away does not take the picture from the others
-            return await asyncio.wait_for(asyncio.shield(task), LONGEST_WAIT)
+            return await asyncio.wait_for(asyncio.shield(task), self._wait)
         except TimeoutError:
-            text = f"the picture is not drawn after {LONGEST_WAIT:g} s, as others are; ask again"
+            text = f"the picture is not drawn after {self._wait:g} s, as others are; ask again"
             raise BusyError("drawing_busy", text, retry_after=_RETRY) from None
 
     async def _made(self, etag: str, make: Callable[[], bytes]) -> bytes:
         try:
-            async with asyncio.timeout(LONGEST_WAIT):  # nobody waits any longer for its turn
+            async with asyncio.timeout(self._wait):  # nobody waits any longer for its turn
                 await self._seats.acquire_on_behalf_of(etag)
             try:
                 begun = time.monotonic()

@@ -217,6 +217,12 @@ def serve(
         int | None, typer.Option(help="Most angles of incidence of a slice.", show_default=False)
     ] = None,
     max_lmax: Annotated[int | None, typer.Option(help="Largest degree of an expansion.", show_default=False)] = None,
+    max_work_seconds: Annotated[
+        float | None, typer.Option(help="Longest analysis, as estimated from its channels.", show_default=False)
+    ] = None,
+    max_held_bytes: Annotated[
+        str | None, typer.Option(metavar="BYTES", help="All request bodies at once, e.g. 192MiB.", show_default=False)
+    ] = None,
     max_upload_bytes: Annotated[
         str | None, typer.Option(metavar="BYTES", help="Largest upload, e.g. 256MiB.", show_default=False)
     ] = None,
@@ -263,6 +269,8 @@ def serve(
         max_values=max_values,
         max_theta_i=max_theta_i,
         max_lmax=max_lmax,
+        max_work_seconds=max_work_seconds,
+        max_held_bytes=_bytes("--max-held-bytes", max_held_bytes),
         max_upload_bytes=_bytes("--max-upload-bytes", max_upload_bytes),
         upload_seconds=upload_seconds,
         max_table_bytes=_bytes("--max-table-bytes", max_table_bytes),

@@ -15,7 +15,7 @@ import pytest
 from brdf_service.http.errors import BusyError
 from brdf_service.library.folder import Folder
 from brdf_service.library.materials import Library
-from brdf_service.work.drawing import FIRST_SECONDS, LONGEST_WAIT, Drawing
+from brdf_service.work.drawing import FIRST_SECONDS, PATIENCE, Drawing
 from brdf_service.work.pictures import Picture, draw
 
 import brdfcore as bc
@@ -156,7 +156,7 @@ def test_so_many_may_wait() -> None:
         return b""
 
     async def work(drawing: Drawing) -> int:
-        waiting = [asyncio.create_task(drawing.made(str(k), draw)) for k in range(int(LONGEST_WAIT / FIRST_SECONDS))]
+        waiting = [asyncio.create_task(drawing.made(str(k), draw)) for k in range(int(PATIENCE / FIRST_SECONDS))]
         await asyncio.sleep(0.05)
         with pytest.raises(BusyError) as caught:
             await drawing.made("one more", draw)
@@ -169,7 +169,7 @@ def test_so_many_may_wait() -> None:
 
 def test_nobody_waits_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
     """An answer or a refusal in time; what was begun is there for who asks again, what was not is not drawn at all."""
-    monkeypatch.setattr("brdf_service.work.drawing.LONGEST_WAIT", 0.2)
+    monkeypatch.setattr("brdf_service.work.drawing.PATIENCE", 0.2)
     goes_on, calls = threading.Event(), []
 
     def draw(name: str) -> bytes:

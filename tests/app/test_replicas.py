@@ -119,10 +119,12 @@ def test_a_job_belongs_to_one_of_them(both: tuple[Running, Running]) -> None:
     accepted = say(one, "PUT", "/v1/materials/table", body)
     assert accepted.status == 202
     job = accepted.headers["location"]
-    lost = two.ask(job)
+    told = two.ask(job)  # by its record
+    assert (told.status, json.loads(told.body)["material"]) == (200, "table")
+    assert job.rpartition("/")[2] in [j["id"] for j in json.loads(two.ask("/v1/jobs").body)["jobs"]]
+    lost = two.ask(f"{job}/events")
     assert (lost.status, json.loads(lost.body)["code"]) == (404, "job_lost")
     assert "another replica" in json.loads(lost.body)["detail"]
-    assert two.ask(f"{job}/events").status == 404
     assert say(two, "DELETE", job).status == 404
     until = time.monotonic() + 60
     while json.loads(one.ask(job).body)["state"] not in ("done", "failed") and time.monotonic() < until:

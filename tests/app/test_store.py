@@ -181,7 +181,7 @@ def test_measured_files_put_into_the_folder(data: Path, client: TestClient) -> N
     """They appear, read by a job; what cannot be read is listed with its reason, and costs nothing again."""
     (data / "paint.bsdf").write_bytes(encode(fields_of()))
     (data / "torn.csv").write_text("this,is\nno,measurement\n")
-    (data / "notes.txt").write_text("not listed: no format's files end so")
+    (data / "notes.md").write_text("not listed: no format's files end so")
     listed = {m["name"]: m for m in client.get("/v1/materials").json()["materials"]}
     assert listed["torn"]["problem"]["code"] == "not_read_yet"
     until = time.monotonic() + 240
