@@ -135,6 +135,8 @@ class Measurements:
             if bad.any():
                 place = int(np.flatnonzero(bad)[0])
                 expected = "a finite angle" if name.startswith("phi") else "a zenith angle within 90 degrees"
+                if not degrees and np.abs(column[bad]).max() > 2:
+                    expected += " in radians; degrees are read with angles=deg"
                 raise _bad(file, int(rows[place]), name, f"{column[place]:g}", expected)
             columns[name] = turned
         signed = {name: int((columns[name] < 0).sum()) for name in ("theta_i", "theta_o")}

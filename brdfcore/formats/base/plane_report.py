@@ -34,15 +34,14 @@ def plane_report(table: Scattered, theta_i: Float64Array) -> dict[str, Any]:
     values = values.mean(axis=1, keepdims=True)
     settings = table.settings
     found = misfits(points, values)
-    chosen = settings.power if settings.plane != "lobe" else "lobe"
+    chosen: float | str = settings.power if settings.plane != "lobe" else "lobe"
     limit = _FACTOR * max(min(found.values()), _NO_BETTER)
     open_ = [k for k, misfit in found.items() if misfit <= limit or k == chosen]
     powers = [k for k in open_ if not isinstance(k, str)]
-    tried = {**({} if not powers else {min(powers): 0, max(powers): 0}), **({"lobe": 0} if "lobe" in open_ else {})}
-    shown: dict[float | str, Float64Array] = {}
-    kinds: list[float | str] = [0.0, 1.0, "lobe", chosen, *tried]
-    for kind in dict.fromkeys(kinds):
-        shown[kind] = _albedo(_predictor(points, values, settings, kind), theta_i)
+    tried: set[float | str] = {chosen, *(k for k in open_ if k == "lobe")}
+    tried |= {min(powers), max(powers)} if powers else set()
+    named: dict[float | str, str] = {0.0: "f", 1.0: "f_cos_cos", "lobe": "lobe"}
+    shown = {k: _albedo(_predictor(points, values, settings, k), theta_i) for k in sorted({*named, *tried}, key=str)}
     order = np.lexsort((_signed(points), points[:, 0]))
     halves = [
         _albedo(_predictor(points[order[k::2]], values[order[k::2]], settings, chosen), theta_i)
@@ -50,17 +49,16 @@ def plane_report(table: Scattered, theta_i: Float64Array) -> dict[str, Any]:
         if len(points) >= 40
     ]
     coarse = np.mean([np.abs(half - shown[chosen]) for half in halves], axis=0) if halves else 0.0
-    span = np.array([shown[kind] for kind in {**tried, chosen: 0}])
-    names: dict[float | str, str] = {0.0: "f", 1.0: "f_cos_cos", "lobe": "lobe"}
+    span = np.array([shown[kind] for kind in tried])
     return {
         "assumed": Plane(settings.plane, settings.power)._asdict(),
         "theta_i": np.degrees(theta_i).round(3).tolist(),
         "albedo": _short(shown[chosen]),
         "lowest": _short(np.maximum(span.min(axis=0) - coarse, 0)),
         "highest": _short(span.max(axis=0) + coarse),
-        "by assumption": {name: _short(shown[kind]) for kind, name in names.items()},
-        "difference from a product": {name: float(f"{found[kind]:.3g}") for kind, name in names.items()},
-        "not ruled out": [names.get(k, f"power {k}") for k in tried],
+        "by assumption": {name: _short(shown[kind]) for kind, name in named.items()},
+        "difference from a product": {name: float(f"{found[kind]:.3g}") for kind, name in named.items()},
+        "not ruled out": [named.get(k, f"power {k}") for k in sorted(tried, key=str)],
     }
 
 

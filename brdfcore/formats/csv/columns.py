@@ -116,7 +116,7 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
             raise text.bad(
                 rows.line, "uncertainty", f"{len(spread)} columns for {len(values)} of values", "one for each"
             )
-    table, numbers = _numbers(text, rows, [*places.values(), *spread], values)
+    table, numbers = _numbers(text, rows, places, spread, values)
     _counted(text, comments, len(table))
     return Columns(
         table=table,
@@ -257,13 +257,15 @@ def _missing(
 
 
 def _numbers(
-    text: TextFile, rows: Rows, places: list[int], values: list[int]
+    text: TextFile, rows: Rows, angles: dict[str, int], spread: list[int], values: list[int]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     if not rows.body:
         raise text.bad(len(text.lines), "rows", "no rows after the header", "rows of numbers")
     if len(rows.body) * rows.width > MAX_NUMBERS:
         raise text.bad(rows.body[0][0], "rows", f"more than {MAX_NUMBERS} numbers", "a smaller file")
-    used, blank = sorted({*places, *values}), set(values)
+    used, blank = sorted({*angles.values(), *spread, *values}), set(values)
+    # a block's incidence stands once, in its first row, as a spreadsheet's merged cells are saved
+    block = {angles[role] for role in ("theta_i", "phi_i") if role in angles}
     table = np.zeros((len(rows.body), rows.width))
     for k, (number, row) in enumerate(rows.body):
         cells = rows.split(row)
@@ -273,6 +275,9 @@ def _numbers(
             cell = cells[place]
             if place in blank and cell.lower() in BLANK:  # no value was written: counted where rows are chosen
                 table[k, place] = np.nan
+                continue
+            if place in block and not cell and k:
+                table[k, place] = table[k - 1, place]
                 continue
             name = rows.names[place] if rows.names else f"column {place + 1}"
             table[k, place] = text.number(rows.decimal(cell), number, name)

@@ -162,8 +162,11 @@ def measurements_of(path: Path, chosen: dict[str, Any]) -> Measurements:
         spread = None if spread is None else _pivoted(text, angle, spread, rows, waves)[1]
         angle, values, rows, channels = _pivoted(text, angle, values, rows, waves)
         done.append(f"rows of {len(channels)} wavelengths joined into one a geometry")
+        if unit == "nm" and waves.size and float(waves.max()) < 30:
+            found.warnings.append(f"wavelengths up to {waves.max():g} nm: are they micrometres (wavelength_unit=um)?")
     if columns.before:
         done.append(f"{columns.before} lines before the header left out")
+    found.warnings.extend(_unit_doubts(columns.angles, angle["theta_i"], angle["theta_o"]))
     azimuth = "no column: a negative theta_o lies on the light's side, a positive one on the mirror side"
     if not columns.in_plane:
         azimuth = f"phi_o - phi_i = {columns.mirror:g} degrees is the mirror direction"
@@ -196,6 +199,14 @@ def measurements_of(path: Path, chosen: dict[str, Any]) -> Measurements:
         description=columns.title,
         uncertainty=spread,
     )
+
+
+def _unit_doubts(unit: str, *thetas: Float64Array) -> list[str]:
+    """Whether degrees may be radians."""
+    largest = max((float(np.abs(t).max()) for t in thetas if t.size), default=0.0)
+    if unit == "rad" or not 0 < largest <= 1.6:
+        return []
+    return [f"no polar angle is above {largest:.3g} degrees: are they radians (angles=rad)?"]
 
 
 def _channels(text: TextFile, columns: Columns, chosen: dict[str, Any]) -> Channels:

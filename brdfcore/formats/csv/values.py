@@ -61,7 +61,8 @@ def values_of(text: TextFile, columns: Columns, chosen: dict[str, Any]) -> Value
         found.done.append(f"values multiplied by {chosen['scale']:g}, as asked")
     if columns.quantity == "f_cos":
         theta_o = columns.column("theta_o")
-        cosine = np.cos(np.radians(theta_o) if columns.angles == "deg" else theta_o)
+        with np.errstate(invalid="ignore"):  # of an infinite angle, which is refused with its line below
+            cosine = np.cos(np.radians(theta_o) if columns.angles == "deg" else theta_o)
         kept = ~(np.abs(cosine) <= _HORIZON)
         if not kept.all():
             at = int(columns.numbers[np.flatnonzero(~kept)[0]])
@@ -72,13 +73,13 @@ def values_of(text: TextFile, columns: Columns, chosen: dict[str, Any]) -> Value
             raise text.bad(
                 int(columns.numbers[0]), "theta_o", "all rows lie at the horizon", "theta_o below 90 degrees"
             )
-        raw = np.divide(raw, cosine[:, None], out=np.zeros_like(raw), where=kept[:, None])
+        with np.errstate(over="ignore", invalid="ignore"):
+            raw = np.divide(raw, cosine[:, None], out=np.zeros_like(raw), where=kept[:, None])
         found.scale = f"{factor:.6g}/cos(theta_o)" if factor != 1 else "1/cos(theta_o)"
         found.done.append("values divided by cos(theta_o): the file holds f_r cos(theta_o)")
-    if columns.quantity == "pi_f" and factor == 1 / np.pi:
-        found.values = raw / np.pi  # the bits of the division
-    else:
-        found.values = raw * factor if factor != 1 else raw
+    with np.errstate(over="ignore"):  # what overflows is no value
+        # the bits of the division
+        found.values = raw / np.pi if columns.quantity == "pi_f" and factor == 1 / np.pi else raw * factor
     found.rows, found.values = rows[kept], found.values[kept]
     found.factor = np.abs(factor / cosine[kept])[:, None]
     return found

@@ -77,6 +77,16 @@ def test_spreadsheets(name: str, tmp_path: Path) -> None:
     assert same(rows_of(path, **GIVEN))
 
 
+def test_the_incidence_of_a_block_stands_once(tmp_path: Path) -> None:
+    lines, last = ["theta_i;theta_o;dphi;BRDF"], None
+    for i, o, d, f in TABLE:
+        lines.append(f"{'' if i == last else i};{o};{d};{f:.6g}")
+        last = i
+    assert same(rows_of(wrote(tmp_path, "\n".join(lines) + "\n"), **GIVEN))
+    with pytest.raises(bc.FileFormatError, match="line 2, theta_i: nothing is no number"):
+        rows_of(wrote(tmp_path, "\n".join([lines[0], lines[2]]) + "\n"), **GIVEN)
+
+
 def test_percent_scale_and_names_that_say_the_quantity(tmp_path: Path) -> None:
     path = wrote(tmp_path, text_of(head="theta_i,theta_o,dphi,percent"))
     options = {**GIVEN, "value": "percent"}
@@ -167,6 +177,16 @@ def test_micrometres(head: str, waves: tuple[float, float], tmp_path: Path) -> N
     factor = 1 if waves[0] >= 100 else 1000
     assert m.channels.kind == "wavelength"
     assert list(m.channels) == pytest.approx([w * factor for w in waves])
+
+
+def test_degrees_and_radians_taken_for_each_other(tmp_path: Path) -> None:
+    path = wrote(tmp_path, text_of())
+    with pytest.raises(bc.FileFormatError, match="degrees are read with angles=deg"):
+        rows_of(path, **{**GIVEN, "angles": "rad"})
+    lines = ["theta_i,theta_o,dphi,BRDF", *(f"{i / 90},{o / 90},{d / 90},{f}" for i, o, d, f in TABLE), ""]
+    radians = wrote(tmp_path, "\n".join(lines))
+    assert any("are they radians" in text for text in rows_of(radians, **GIVEN).warnings)
+    assert not rows_of(radians, **{**GIVEN, "angles": "rad"}).warnings
 
 
 def test_wavelengths_as_columns_and_the_sign_of_theta_o(tmp_path: Path) -> None:
