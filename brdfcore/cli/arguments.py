@@ -23,6 +23,7 @@ from brdfcore.base.conventions import ANGLE_NAMES, FloatArray, to_radians
 from brdfcore.base.errors import FileFormatError, InputError, LimitError, StorageError
 from brdfcore.base.parameters import Parameter
 from brdfcore.base.registry import MODELS
+from brdfcore.cli.output import warn
 from brdfcore.names import AngleUnit
 
 Unit = Annotated[AngleUnit, typer.Option("--angles", help="Unit of the angles given and printed.")]
@@ -46,8 +47,8 @@ _DEEPEST = 8
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "ki": 2**10, "mi": 2**20, "gi": 2**30}
 
 
-def load(source: str, format: str | None = None) -> Brdf:
-    """The `Brdf` that a SOURCE names; see `GRAMMAR`."""
+def load(source: str, format: str | None = None, say: bool = True) -> Brdf:
+    """The `Brdf` that a SOURCE names; see `GRAMMAR`. `say`: a measured file's warnings go to stderr."""
     terms = _terms(source) if format is None else [source]
     if len(terms) > 1:
         return model_from_json({"sum": [_term(term) for term in terms]})
@@ -63,8 +64,11 @@ def load(source: str, format: str | None = None) -> Brdf:
         with _bounded(source):
             if options:
                 format = format or io.sniff(path, [item.partition("=")[0].strip() for item in _split(source, options)])
-                return io.read(path, format, **given(source, options, io.read_options(format)))
-            return io.read(path, format)
+            format = format or io.sniff(path)
+            b = io.read(path, format, **(given(source, options, io.read_options(format)) if options else {}))
+        for text in b.report.get("warnings", ()) if say and format != "table" else ():
+            warn(text)
+        return b
     if colon and re.fullmatch(r"\w+", name) and "=" in rest:
         MODELS.load(name)  # raises, with the close names
     if format is not None or "/" in source or "\\" in source or path.suffix:

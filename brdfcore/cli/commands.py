@@ -137,7 +137,7 @@ Examples:
   brdf info cook_torrance:roughness=0.1,ior=gold""",
 )
 def info(source: Source, json: Json = False) -> None:
-    b = arguments.load(source)
+    b = arguments.load(source, say=False)
     described = b.describe()
     if source.partition(":")[0] not in MODELS:
         described["file_bytes"] = arguments.file_of(source)[0].stat().st_size

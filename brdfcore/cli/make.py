@@ -150,7 +150,7 @@ def convert(
     from brdfcore.formats.io import files as io
 
     may_write(target, force)
-    b = arguments.load(source, read_as)
+    b = arguments.load(source, read_as, say=False)
     to = io.format_for(b, target, format)
     options = arguments.given("--write", writing, io.write_options(to)) if writing else {}
     found = conversion.convert(b, target, to, options)

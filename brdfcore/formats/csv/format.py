@@ -20,7 +20,7 @@ from brdfcore.formats.base.measurements import Measurements
 from brdfcore.formats.base.regrid import POLICIES, not_scattered, to_brdf
 from brdfcore.formats.base.text_rows import TextFile, decoded
 from brdfcore.formats.csv.columns import Columns, columns_of, split_list
-from brdfcore.formats.csv.header import wavelengths
+from brdfcore.formats.csv.header import wavelengths, without_unit
 from brdfcore.formats.csv.rows import has_table
 from brdfcore.formats.csv.values import values_of
 from brdfcore.tables.scattered.table import Scattered
@@ -223,7 +223,7 @@ def _channels(text: TextFile, columns: Columns, chosen: dict[str, Any]) -> Chann
             nanometres = wavelengths(names)
             if nanometres is not None:
                 return Channels(nanometres, "wavelength")
-        return Channels([name.removeprefix("f_r_") or name for name in names])
+        return Channels([name.removeprefix("f_r_") or name for name in map(without_unit, names)])
     except InputError as error:
         raise text.bad(columns.header_line, "channels", error.detail[:200], "different names or wavelengths") from error
 

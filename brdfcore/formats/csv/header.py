@@ -46,6 +46,12 @@ def meaning(name: str) -> Name:
     return Name("")
 
 
+def without_unit(name: str) -> str:
+    """ "BRDF" of "BRDF, 1/sr" and "BRDF [1/sr]"; a name that says no unit as it is."""
+    found = _UNIT.fullmatch(name.strip())
+    return found[1] if found and found[1] and wavelength(name) is None else name
+
+
 def wavelength(name: str) -> float | None:
     """Nanometres that a name says, as 550nm, 0.55 um or f_r_550nm."""
     found = _WAVELENGTH.fullmatch(name.strip())

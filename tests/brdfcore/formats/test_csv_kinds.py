@@ -74,7 +74,9 @@ def test_spreadsheets(name: str, tmp_path: Path) -> None:
     """Every way a spreadsheet saves one table gives that table, told by its content and by its name."""
     path = wrote(tmp_path, SHEETS[name])
     assert bc.sniff(path) == bc.sniff(wrote(tmp_path, SHEETS[name], "no-extension")) == "csv"
-    assert same(rows_of(path, **GIVEN))
+    m = rows_of(path, **GIVEN)
+    assert same(m)
+    assert m.channels == ("BRDF",)
 
 
 def test_the_incidence_of_a_block_stands_once(tmp_path: Path) -> None:
@@ -234,6 +236,15 @@ def test_a_right_file_is_not_doubted(tmp_path: Path) -> None:
 )
 def test_what_cannot_be_is_said(factor: float, turn: float, words: str, tmp_path: Path) -> None:
     assert any(words in text for text in measured(tmp_path, factor, turn)), words
+
+
+def test_the_shell_says_what_cannot_be(run: Run, tmp_path: Path) -> None:
+    measured(tmp_path, 100.0)
+    given = "angles=deg,mirror=180,quantity=f,shape=[6,6,6]"
+    status, out, err = run("albedo", f"{tmp_path / 'm.csv'}:{given}", "--theta-i", "30")
+    assert status == 0
+    assert "no passive surface" in " ".join(err.split())
+    assert "no passive surface" not in out
 
 
 def test_the_azimuth_at_normal_incidence(tmp_path: Path) -> None:
