@@ -38,7 +38,7 @@ from brdfcore.tables.base.table import (
 )
 
 #: Nodes of theta that `candidates` tries: 11 degrees to half a degree; delta_phi gets twice as many cells.
-LADDER = (9, 13, 19, 28, 46, 64, 91, 136, 181)
+LADDER = (9, 13, 19, 28, 46, 61, 91, 136, 181)
 #: Part of a cell by which the node at the horizon is sampled above it; see `_sampled_theta`.
 GRAZING_INSET = 0.25
 #: theta_i, degrees, at which a table built from an energy conserving source is checked.

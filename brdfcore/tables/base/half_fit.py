@@ -202,6 +202,8 @@ class Fitter:
     def _moved(self, layout: Layout, shape: tuple[int, int, int]) -> Layout:
         """Nodes moved towards the error: density multiplied by the square root of the error between two nodes."""
         _, errors = self._error(layout, shape)
+        if not errors.any():  # nothing to gain, or nothing there
+            return layout
         maps = []
         places = layout.positions(self._coordinates(layout), shape)
         for place, old, n in zip(places, (layout.map_h, layout.map_d, layout.map_p), shape):

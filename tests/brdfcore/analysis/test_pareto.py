@@ -12,11 +12,12 @@ import pytest
 
 import brdfcore as bc
 from brdfcore.analysis.pareto import peers
-from brdfcore.analysis.pareto.entries import USELESS, Entry, beaten_anyway, choose, mark_dominated
+from brdfcore.analysis.pareto.entries import SLOWEST, USELESS, Entry, beaten_anyway, choose, mark_dominated
 from brdfcore.analysis.pareto.pareto import Pareto
 from brdfcore.analysis.pareto.timing import MARGIN, REPEATS, Timing, time_all
 from brdfcore.base.registry import REPRESENTATIONS
 from brdfcore.kernels.machine import launch
+from brdfcore.reporting import words
 from tests import shared
 from tests.support.sources import Constant, Skewed
 
@@ -117,9 +118,10 @@ def test_what_another_run_may_rank_otherwise_is_said() -> None:
 
 
 def test_a_choice_that_hangs_on_a_near_tie_names_the_other() -> None:
-    listed = [entry("small", 1000, 0.009, 5.0 * 1.04 * MARGIN), entry("quick", 9000, 0.008, 5.0)]
+    """A formula beside a table: of tables the stored times decide, which are the same in every run."""
+    listed = [entry("formula", 0, 0.0, 5.0 * 1.04 * SLOWEST, "model"), entry("quick", 9000, 0.008, 5.0)]
     assert choose(listed, 0.01, None).label == "quick"
-    assert choose(listed, 0.01, None, margin=MARGIN * REPEATS).label == "small"
+    assert choose(listed, 0.01, None, margin=MARGIN * REPEATS).label == "formula"
     assert choose(listed, 0.01, None, margin=MARGIN / REPEATS).label == "quick"
 
 
@@ -216,7 +218,8 @@ def test_choice() -> None:
 def test_a_tolerance_has_to_be_met_beyond_chance() -> None:
     loose = entry("loose", 1000, 0.0099, 5.0)
     assert loose.meets(0.01)
-    object.__setattr__(loose.comparison, "l1_stderr", 0.002)
+    for row in loose.comparison.by_theta_i:
+        row["l1_stderr"] = 0.003  # more than a fifth of the tolerance
     assert not loose.meets(0.01)
 
 
@@ -235,9 +238,12 @@ def test_a_material_without_any_symmetry() -> None:
 
 
 def test_time_runs_out() -> None:
-    found = bc.pareto(bc.model("lambert"), sizes=(8_000, 16_000), rounds=2, directions=2_000, seconds=1e-6)
-    assert found.chosen.representation == "lambert"
+    source = bc.model("ggx", roughness=0.3)
+    found = bc.pareto(source, sizes=(8_000, 16_000, 32_000), rounds=2, directions=2_000, seconds=1e-6)
+    assert found.chosen.representation == "ggx"
     assert any("the time was up" in text for text in found.left_out)
+    assert found.not_tried
+    assert found.not_tried[0] in words.advice(found)
 
 
 @pytest.mark.parametrize("name", ["tolerance", "max_bytes", "seconds"])
