@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.parameters import Parameter
@@ -13,7 +13,9 @@ from brdfcore.tables.base.folding import folded_sample, folds
 from brdfcore.tables.base.half_lattice import HalfLattice, check_linear, check_shape, steps_z
 from brdfcore.tables.base.layout import Layout
 from brdfcore.tables.base.table import DELTA_NODES, BuildOptions, Progress
-from brdfcore.tables.lobe_grid.fit import LobeFitter, LobeLayout, shape_for
+
+if TYPE_CHECKING:  # the fit needs the compiler, which a list of representations does not
+    from brdfcore.tables.lobe_grid.fit import LobeFitter
 
 #: Nodes that `candidates` tries for a tolerance.
 LADDER = (600, 1_200, 2_500, 5_000, 10_000, 16_000, 24_000, 36_000, 54_000, 80_000, 120_000, 180_000)
@@ -76,6 +78,8 @@ class LobeGrid(HalfLattice):
     @classmethod
     def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
         """Fit nodes to `source`; see `fit` and `Table.build`."""
+        from brdfcore.tables.lobe_grid.fit import LobeLayout, shape_for
+
         check_linear(cls.name, options.interpolation)
         bilateral, _ = folds(source, options)
         shape = options.shape or shape_for(LADDER[7], bilateral)
@@ -87,6 +91,8 @@ class LobeGrid(HalfLattice):
 
     @classmethod
     def candidates(cls, source: Brdf, options: BuildOptions, max_bytes: int | None) -> Iterable[BuildOptions]:
+        from brdfcore.tables.lobe_grid.fit import shape_for
+
         bilateral, _ = folds(source, options)
         options = replace(options, prepared=options.prepared or _prepared(source, options))
         each = 2 * len(source.channels)
@@ -107,6 +113,8 @@ def _prepared(source: Brdf, options: BuildOptions) -> Callable[[Progress | None]
     found: list[tuple[LobeFitter, Layout]] = []
 
     def prepared(progress: Progress | None) -> tuple[LobeFitter, Layout]:
+        from brdfcore.tables.lobe_grid.fit import LobeFitter
+
         if not found:
             if progress is not None:
                 progress(0, 1, "placing the nodes")
