@@ -68,6 +68,15 @@ def materials() -> Exchange[list[dict[str, Any]]]:
     return lines
 
 
+def jobs() -> Exchange[list[dict[str, Any]]]:
+    """Every job that the service tells of."""
+    answer: Answer = yield calls.get("jobs")
+    found = answer.json()
+    if not isinstance(found, dict) or not isinstance(found.get("jobs"), list):
+        raise calls.unexpected(answer, "a list of jobs")
+    return list(found["jobs"])
+
+
 def facts(*address: str) -> Exchange[dict[str, Any]]:
     """Metadata of a material."""
     answer: Answer = yield calls.get(*address)

@@ -143,6 +143,11 @@ class Service:
         facts = yield from writing.look(id)
         return self._JOB(self._driver, facts)
 
+    @question
+    def jobs(self) -> Exchange[list[dict[str, Any]]]:
+        """What the service says of the jobs of the last hour, the newest first."""
+        return exchanges.jobs()
+
 
 class Client(Sync, Service):
     """A service of BRDF tables.

@@ -24,7 +24,7 @@ import threading
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,52 +36,13 @@ from brdf_service.library.writing import Condition, Writer
 
 import brdfcore as bc
 from tests.app.running import Running
+from tests.benchmarks.attacked import client, leftovers, missed, percentile, said, service, wait_ready, white
 from tests.benchmarks.timing import machine
 from tests.shared import RGL
 from tests.support.faults import ERRORS, faults
 from tests.support.format_examples import example
 
 ANY = {"if-match": "*"}
-_missed: list[str] = []
-
-
-def said(row: str, what: str, good: bool) -> None:
-    """One figure."""
-    print(f"{row:8s} {'ok    ' if good else 'MISSED'} {what}", flush=True)
-    if not good:
-        _missed.append(row)
-
-
-def white(value: float) -> dict[str, Any]:
-    return {"model": "lambert", "parameters": {"reflectance": value}}
-
-
-@contextlib.contextmanager
-def service(data: Path, *arguments: str) -> Iterator[Running]:
-    running = Running(data, "--no-starter", "--log-level", "warning", *arguments)
-    try:
-        yield running
-    finally:
-        running.process.kill()
-        running.process.wait()
-
-
-def client(running: Running, seconds: float = 60) -> httpx2.Client:
-    return httpx2.Client(base_url=f"http://127.0.0.1:{running.port}", timeout=seconds, trust_env=False)
-
-
-def wait_ready(http: httpx2.Client) -> None:
-    until = time.monotonic() + 300
-    while http.get("/health/ready").status_code != 200 and time.monotonic() < until:
-        time.sleep(0.2)
-
-
-def leftovers(data: Path) -> list[str]:
-    return [p.name for p in data.iterdir() if p.name.startswith(".") and p.name not in (".lock", ".jobs")]
-
-
-def percentile(times: list[float], share: float) -> float:
-    return sorted(times)[min(len(times) - 1, int(share * len(times)))]
 
 
 # ---- rows -----------------------------------------------------------------------------------------------------
@@ -429,7 +390,7 @@ def main() -> int:
             begun = time.monotonic()
             ROWS[name](options, Path(place))
             print(f"{name:8s}        took {time.monotonic() - begun:.0f} s", flush=True)
-    return 1 if _missed else 0
+    return 1 if missed else 0
 
 
 if __name__ == "__main__":

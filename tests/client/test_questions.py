@@ -29,6 +29,7 @@ ELSEWHERE: dict[str, tuple[type, str] | None] = {
     "POST /v1/materials/{name}/upload": (Client, "upload"),
     "POST /v1/materials/{name}/pareto": (Client, "pareto"),
     "GET /v1/tables/{id}": (Client, "table"),
+    "GET /v1/jobs": (Client, "jobs"),
     "GET /v1/jobs/{id}": (Client, "job"),
     "DELETE /v1/jobs/{id}": (Job, "cancel"),
     "GET /v1/jobs/{id}/pareto.png": (ReportJob, "picture"),
