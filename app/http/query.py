@@ -179,7 +179,8 @@ def _whole(text: Any) -> Any:
 
 
 def _flag(text: Any) -> Any:
-    return {"true": True, "false": False}.get(text, text)
+    # pydantic would also take "0", "on" and "yes"
+    return {"true": True, "false": False}.get(text) if isinstance(text, str) else text
 
 
 #: float64 of shape () or (n,).

@@ -39,7 +39,7 @@ ELSEWHERE: dict[str, tuple[type, str] | None] = {
     "GET /metrics": None,
 }
 #: Of the service's query, what is the client's own business: it sends radians in the form that suits it.
-UNSEEN = {"angles", "dtype", "input", "status", "normals", "views"}
+UNSEEN = {"angles", "dtype", "input", "status", "uncertainty", "normals", "views"}
 
 
 @pytest.fixture(scope="module")

@@ -36,7 +36,7 @@ def test_tabulate_warns_of_a_bad_table(run: Run, tmp_path: Path) -> None:
     code, text, err = run("tabulate", sharp, "-o", tmp_path / "bad.h5", "--shape", "10,10,19")
     assert code == 0
     assert "misplaces" in err
-    assert "try representation half_difference" in err
+    assert "try representation lobe_grid" in err
     assert "vndf_warp" not in err  # it holds measured files only
     assert "misplaced" in text
 
