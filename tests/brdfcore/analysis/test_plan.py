@@ -141,10 +141,11 @@ def test_what_is_built_is_what_was_planned(planned: Plan, tmp_path: Path) -> Non
 
 
 def test_the_service_takes_the_folder(planned: Plan, tmp_path: Path) -> None:
+    from brdf_service.library.folder import Folder
     from brdf_service.library.materials import Library
 
     build(planned, tmp_path)
-    library = Library(tmp_path, 10**9)
+    library = Library(Folder(tmp_path), 10**9)
     page = library.page(0, 100)
     assert page.total == 4
     assert all(line.usable for line in page.lines)

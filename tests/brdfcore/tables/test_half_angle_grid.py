@@ -11,6 +11,7 @@ from mpmath import mp, mpf
 import brdfcore as bc
 from brdfcore import testing
 from brdfcore.base.conventions import FloatArray
+from brdfcore.build.search import Search
 from brdfcore.kernels.machine import launch
 from brdfcore.kernels.tables import half_angle_numpy
 from brdfcore.metrics import FLAG_DEFECT, bilateral_defect, reciprocity_defect
@@ -198,13 +199,13 @@ def test_what_is_not_reciprocal_is_refused_unless_folded() -> None:
 def test_auto_leaves_it_to_better_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     considered: list[str] = []
 
-    def search(b: bc.Brdf, classes: list[type[bc.Table]], *rest: object) -> bc.Table:
+    def run(search: Search, classes: list[type[bc.Table]]) -> bc.Table:
         considered.extend(c.name for c in classes)
-        return build(b)
+        return build(search.source)
 
-    monkeypatch.setattr("brdfcore.build.tabulate._search", search)
+    monkeypatch.setattr(Search, "run", run)
     bc.tabulate(Constant(0.1))
-    assert considered == ["angle_grid", "half_difference"]
+    assert considered == ["angle_grid", "half_difference", "lobe_grid"]
 
 
 # ---- cells and nodes -------------------------------------------------------------------------------
