@@ -204,7 +204,7 @@ def test_auto_leaves_it_to_better_ones(monkeypatch: pytest.MonkeyPatch) -> None:
         return build(search.source)
 
     monkeypatch.setattr(Search, "run", run)
-    bc.tabulate(Constant(0.1))
+    bc.tabulate(Constant(0.1), max_bytes=10**6)
     assert considered == ["angle_grid", "half_difference", "lobe_grid"]
 
 
