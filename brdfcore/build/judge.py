@@ -58,9 +58,10 @@ class Judge:
 def bounded(error: Mapping[str, Any], measure: str, tolerance: float | None = None) -> float:
     """What a tolerance bounds, from a stated error (a `Comparison` as JSON)."""
     delta = math.inf if error["delta"] is None else error["delta"]
+    l1 = math.inf if error["l1"] is None else error["l1"]  # None: not finite somewhere
     if measure == "incidence":
-        return max(worst(error["by_theta_i"], tolerance), delta)
+        unknown = l1 if error["regular"] and math.isinf(l1) else 0.0
+        return max(worst(error["by_theta_i"], tolerance), delta, unknown)
     if not error["regular"]:
         return float(delta)  # nothing can be misplaced
-    l1 = math.inf if error["l1"] is None else error["l1"]
     return float(max(l1, delta))

@@ -12,7 +12,7 @@ from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import shown
 from brdfcore.base.registry import REPRESENTATIONS
-from brdfcore.build.judge import MEASURES, Judge, Measure
+from brdfcore.build.judge import MEASURES, Judge, Measure, bounded
 from brdfcore.build.local_error import with_uncertainty
 from brdfcore.build.search import Search
 from brdfcore.metrics import Range
@@ -180,7 +180,8 @@ def _found(search: Search, classes: Sequence[type[Table]]) -> Table:
     """The table that the search chose, measured; one that misses the tolerance says so."""
     table = _measured(search.run(classes), search.judge, search.tolerance, search.progress)
     tolerance, measure = search.tolerance, search.judge.measure
-    if tolerance is not None and not search.met:
+    # on fresh directions: what is not finite between those that chose it does not meet anything
+    if tolerance is not None and (not search.met or math.isinf(bounded(table.error, measure))):
         which = f"{table.name} of {table.nbytes} bytes"
         delta = table.error["delta"]
         also = f" and its mirror part is off by {delta:.3g}" if table.has_delta and delta is not None else ""

@@ -65,6 +65,16 @@ def open_table(path: str | PathLike[str], *, max_bytes: int = MAX_BYTES) -> Tabl
                 got=header["evaluation_version"],
                 expected=cls.EVALUATION_VERSION,
             )
+        if header["evaluation_version"] < cls.OLDEST_EVALUATION:
+            raise FileFormatError(
+                "evaluation_version",
+                f"{path.name}: written by evaluation version {header['evaluation_version']} of {cls.name}, whose "
+                "look-ups were wrong and would be others now; make the table again from its source",
+                where="header/evaluation_version",
+                file=path.name,
+                got=header["evaluation_version"],
+                expected=cls.OLDEST_EVALUATION,
+            )
         arrays = _read_group(path, file, "arrays", max_bytes)
         spread = None
         if "uncertainty" in header:

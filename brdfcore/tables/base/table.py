@@ -79,6 +79,8 @@ class Table(Brdf):
     name: ClassVar[str]
     #: Raised whenever `_evaluate` answers differently for the same arrays.
     EVALUATION_VERSION: ClassVar[int] = 1
+    #: Files of an older one are refused: their look-ups were wrong.
+    OLDEST_EVALUATION: ClassVar[int] = 1
     #: What `tabulate` may be asked for, beside source and channels.
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
     #: One sentence for lists.
