@@ -40,13 +40,13 @@ class Coloured(Brdf):
         self._analytic = part._analytic
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
-        out[...] = self._summed(self.part.evaluate(theta_i, theta_o, delta_phi))
+        out[...] = _summed(self.part.evaluate(theta_i, theta_o, delta_phi), self.matrix)
         return True
 
     def _evaluate_vectors(self, wi: Float64Array, wo: Float64Array, out: FloatArray) -> None:
         values = np.empty((wi.shape[0], len(self.part.channels)), out.dtype)
         self.part._evaluate_vectors(wi, wo, values)
-        out[...] = self._summed(values)
+        out[...] = _summed(values, self.matrix)
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         return self.part._status(theta_i, theta_o, delta_phi)
@@ -54,17 +54,19 @@ class Coloured(Brdf):
     def _uncertainty(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
         # errors of neighbouring wavelengths go together: sizes are summed, not squares
         widths = self.part.uncertainty(theta_i, theta_o, delta_phi)
-        out[...] = widths @ np.abs(self.matrix).astype(widths.dtype)
+        out[...] = _summed(widths, np.abs(self.matrix))
         return True
 
     def _delta_reflectance(self, theta_i: Float64Array) -> Float64Array:
-        return self._summed(self.part._delta_reflectance(theta_i))
+        return _summed(self.part._delta_reflectance(theta_i), self.matrix)
 
-    def _summed(self, values: FloatArray) -> Float64Array:
-        total = np.zeros((values.shape[0], 3))
-        for k, row in enumerate(self.matrix):  # in one order: the same bits for one point and for a million
-            total += values[:, k, None].astype(np.float64) * row
-        return total
+
+def _summed(values: FloatArray, matrix: Float64Array) -> Float64Array:
+    """values (n, channels) times matrix (channels, 3), float64."""
+    total = np.zeros((values.shape[0], 3))
+    for k, row in enumerate(matrix):  # in one order: the same bits for one point and for a million
+        total += values[:, k, None].astype(np.float64) * row
+    return total
 
 
 def to_rgb(b: Brdf, illuminant: str = "D65", *, space: str = "sRGB", largest_gap: float = 40.0) -> Brdf:
