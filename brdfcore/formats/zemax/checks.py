@@ -112,7 +112,7 @@ def check_normal(content: ZemaxFile, mean: Float64Array, file: str, asked: str) 
     if loss <= ANISOTROPY:
         return [f"at theta_i = 0 the samples of all azimuths averaged: {loss:.2g} of them apart (L1)"]
     apart = np.where(np.isfinite(at), at, np.nan)
-    radial = int(np.nanargmax(np.nanmax(apart, axis=(0, 2)) * weights[:, 0]))
+    radial = int(np.argmax(np.where(np.isfinite(at), at, 0).max(axis=(0, 2)) * weights[:, 0]))
     low, high = float(np.nanmin(apart[:, radial])), float(np.nanmax(apart[:, radial]))
     raise anisotropic(
         file,

@@ -124,7 +124,8 @@ class ZemaxFormat(Format):
         if not isinstance(brdf, SpecularGrid):
             shape = " x ".join(map(str, content.values.shape[2:]))
             warnings.warn(
-                f"sampled at {shape} nodes of theta_i, azimuth and distance from the mirror, {_DIGITS} digits",
+                f"sampled at {shape} nodes of theta_i, azimuth and distance from the mirror, {_DIGITS} digits; at "
+                "theta_i = 0 the mean over azimuth",
                 LossWarning,
                 stacklevel=2,
             )
@@ -277,7 +278,12 @@ def _content(brdf: Brdf) -> ZemaxFile:
     theta_i, theta_o, delta_phi = (x[above] for x in node_directions(*axes))
     values = np.zeros((len(brdf.channels), *above.shape))
     sampled = brdf.evaluate(theta_i, np.minimum(theta_o, np.pi / 2), delta_phi).astype(np.float64)
-    values[:, above] = [[float(f"{v:.{_DIGITS}g}") for v in column] for column in sampled.T]
+    values[:, above] = sampled.T
+    # light from exactly above has no azimuth, and samples that vary with it are those of an anisotropic material: the
+    # mean over the turn, by the trapezoidal rule
+    turn = values[:, 0]
+    values[:, 0] = ((turn[:, :-1] + turn[:, 1:]) / 2).mean(axis=1, keepdims=True)
+    values[:, above] = [[float(f"{v:.{_DIGITS}g}") for v in column] for column in values[:, above]]
     albedo = brdf.albedo(axes[0])
     text = str(brdf.metadata.get("description", "")) or str(getattr(brdf, "source", {}).get("name", "")) or "BRDF"
     return ZemaxFile(
