@@ -38,6 +38,8 @@ class Judge:
         """What a tolerance bounds; infinite where it is not known well enough to be held to `tolerance`."""
         if self.measure == "incidence":
             rows = self.incidences.rows(table)
+            if worst(rows) <= (math.inf if tolerance is None else tolerance):
+                rows += self.incidences.between(table)
             return max(worst(rows, tolerance), delta_difference(self.source, table))
         directions = self.seen.draws(_COMPARED)
         found = compare(
@@ -61,7 +63,7 @@ def bounded(error: Mapping[str, Any], measure: str, tolerance: float | None = No
     l1 = math.inf if error["l1"] is None else error["l1"]  # None: not finite somewhere
     if measure == "incidence":
         unknown = l1 if error["regular"] and math.isinf(l1) else 0.0
-        return max(worst(error["by_theta_i"], tolerance), delta, unknown)
+        return max(worst([*error["by_theta_i"], *error["between"]], tolerance), delta, unknown)
     if not error["regular"]:
         return float(delta)  # nothing can be misplaced
     return float(max(l1, delta))

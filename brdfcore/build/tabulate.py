@@ -196,7 +196,7 @@ def _found(search: Search, classes: Sequence[type[Table]]) -> Table:
 
 def where_worst(error: Mapping[str, Any]) -> str:
     """ ", .03 at theta_i = 85 degrees": the angle that a tolerance fails at first."""
-    rows = [r for r in error["by_theta_i"] if math.degrees(r["theta_i"]) <= GRAZING + 1e-9]
+    rows = [r for r in [*error["by_theta_i"], *error["between"]] if math.degrees(r["theta_i"]) <= GRAZING + 1e-9]
     if not rows:
         return ""
     row = max(rows, key=lambda r: worst([r]))

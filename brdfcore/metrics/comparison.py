@@ -51,7 +51,9 @@ class Comparison:
         what they missed, and `skipped` says so.
     by_theta_i
         the same for light from one angle (`metrics.incidence.Incidences.rows`): theta_i (radians), l1, l1_stderr,
-        albedo_ratio (a list, one a channel).
+        albedo_ratio (a list, one a channel), albedo_error.
+    between
+        the same at angles between those, which are no whole degrees: a tolerance bounds both.
     rel_l2, rel_l2_stderr
         sqrt(int (f'-f)^2 c_i c_o / int f^2 c_i c_o): dominated by the peak.
     rms_log, rms_log_stderr
@@ -102,6 +104,7 @@ class Comparison:
     rms_cube_root_stderr: float = float("nan")
     log_ratio_interval: dict[str, list[float]] = field(default_factory=dict)
     by_theta_i: list[dict[str, Any]] = field(default_factory=list)
+    between: list[dict[str, Any]] = field(default_factory=list)
     symmetry: dict[str, dict[str, float]] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
     nbytes: int | None = None
@@ -200,6 +203,7 @@ def compare(
         l1=l1.value,
         l1_stderr=max(l1.stderr, missed),
         by_theta_i=rows,
+        between=incidences.between(candidate),
         rel_l2=l2.value,
         rel_l2_stderr=l2.stderr,
         rms_log=logs_rms.value,

@@ -22,6 +22,8 @@ Range = tuple[float, float]
 
 #: theta_i of the rows, degrees.
 INCIDENCES = (0.0, 0.5, 1.0, 2.0, 5.0, *(float(t) for t in range(10, 80, 10)), 75.0, 80.0, 85.0, 88.0, 89.0, 89.9)
+#: And between them: a table may have nodes at whole degrees, and be exact there only.
+BETWEEN = (7.3, 14.7, 25.3, 36.1, 44.6, 56.2, 63.7, 72.4, 77.6, 82.7, 86.6)
 #: What a tolerance bounds: L1 and albedo from 0 to LAST, and GRAZING_FACTOR times it up to GRAZING, degrees.
 LAST, GRAZING, GRAZING_FACTOR = 85.0, 89.0, 4.0
 #: Below this angle, degrees, f_r cos theta_o of both is averaged over the azimuth of the half vector, at AZIMUTHS of
@@ -57,7 +59,11 @@ class Incidences:
         self, reference: Brdf, channels: Channels, lobes: Lobes, *, light: Range, view: Range, seed: int
     ) -> None:
         self._rows: list[_Row] = []
-        angles = _within(light)
+        stated = _within(light)
+        self._stated = len(stated)
+        low, high = stated[0], stated[-1]
+        between = [t for t in map(math.radians, BETWEEN) if low < t < high]
+        angles = stated + (between or ([0.5 * (low + high)] if low < high else []))
         share = _MOST_VALUES / (len(angles) * len(channels) * max(_DRAWS, _POLE_DRAWS * AZIMUTHS))
         for k, theta in enumerate(angles):
             pole = math.degrees(theta) < POLE - 1e-9
@@ -73,10 +79,10 @@ class Incidences:
 
     @property
     def theta_i(self) -> list[float]:
-        return [r.theta_i for r in self._rows]
+        return [r.theta_i for r in self._rows[: self._stated]]
 
     def rows(self, candidate: Brdf) -> list[dict[str, Any]]:
-        """{theta_i, l1, l1_stderr, albedo_ratio} of each angle.
+        """{theta_i, l1, l1_stderr, albedo_ratio, albedo_error} of each angle of `INCIDENCES`.
 
         l1            int |f'-f| c_o dwo / int f c_o dwo, channels summed; below `POLE` degrees of the means over the
                       azimuth of the half vector. Nan where a value is not finite; where the reference reflects
@@ -86,8 +92,15 @@ class Incidences:
         albedo_error  the largest |a' - a| of the channels, each over its own albedo a or a tenth of the channels' mean,
                       whichever is more: a channel that reflects next to nothing has no ratio worth the name.
         """
+        return self._measured(candidate, self._rows[: self._stated])
+
+    def between(self, candidate: Brdf) -> list[dict[str, Any]]:
+        """The same at angles between those: no table's nodes are there."""
+        return self._measured(candidate, self._rows[self._stated :])
+
+    def _measured(self, candidate: Brdf, rows: Sequence[_Row]) -> list[dict[str, Any]]:
         found = []
-        for row in self._rows:
+        for row in rows:
             plain, mean = _mean(candidate, row.angles, row.turns)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 f, g = np.broadcast_arrays(row.f, mean)

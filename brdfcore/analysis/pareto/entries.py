@@ -54,8 +54,12 @@ class Entry:
     @property
     def error(self) -> float:
         """What a tolerance of `tabulate` bounds: the worst incidence, and the error of the mirror part."""
-        found = max(worst(self.comparison.by_theta_i), self.comparison.delta)
+        found = max(worst(self._rows), self.comparison.delta)
         return math.inf if math.isnan(found) else found
+
+    @property
+    def _rows(self) -> list[dict[str, Any]]:
+        return [*self.comparison.by_theta_i, *self.comparison.between]
 
     @property
     def cost(self) -> float:
@@ -78,7 +82,7 @@ class Entry:
 
     def meets(self, tolerance: float) -> bool:
         """Error within the tolerance, and known well enough for it (`metrics.incidence.known`)."""
-        return self.error <= tolerance and known(self.comparison.by_theta_i, tolerance)
+        return self.error <= tolerance and known(self._rows, tolerance)
 
     def to_json(self, tolerance: float) -> dict[str, Any]:
         found = self.comparison

@@ -168,6 +168,9 @@ class Fitter:
         ratio = f * np.exp2(-np.interp(few, t, along))[:, None, None]
         total = weight.sum(axis=(0, 2))
         mean = (weight * ratio).sum(axis=(0, 2)) / np.maximum(total, 1e-300)
+        if self.pole > 0 and (total > 0).any():  # at the horizon itself nothing is above it: as beside it
+            there = total > 0
+            mean = np.interp(w, w[there], mean[there])
         typical = float(np.median(mean[mean > 0])) if (mean > 0).any() else 1.0
         deep = np.log2(np.clip(mean / typical, 2.0**-_DEPTH, 2.0**_DEPTH))
         return along, deep

@@ -33,6 +33,8 @@ from brdfcore.tables.base.table import (
 
 #: Largest magnitude of a stored node: below float16's 65,504, so that rounding can't reach infinity.
 _LARGEST = 60_000.0
+#: Largest node before scaling: its 2^112 part has to stay a float32 (`kernels.tables.half_difference`).
+_MOST_NODE = 2.0**24
 _ARRAYS: dict[str, npt.DTypeLike] = {
     "values": np.float16,
     "guide_h": np.uint16,
@@ -276,8 +278,12 @@ def lattice_arrays(
     nodes: npt.NDArray[np.float64], layout: Layout
 ) -> tuple[dict[str, npt.NDArray[Any]], float, tuple[float, float]]:
     """(arrays, scale, guide) of nodes (n_h, n_d, n_p, channels) placed by `layout`."""
-    scale = _LARGEST / max(float(np.abs(nodes).max()), 1e-300)
     words, low, step = layout.words()
+    size = float(np.abs(nodes).max())
+    if size > _MOST_NODE:  # a float32 look-up has no room for it in the nodes' factor: it goes into the guide
+        octaves = float(np.floor(np.log2(size)))
+        nodes, low, size = nodes * 2.0**-octaves, low + octaves, size * 2.0**-octaves
+    scale = _LARGEST / max(size, 1e-300)
     return {"values": (nodes * scale).astype(np.float16), **words}, scale, (low, step)
 
 

@@ -218,7 +218,7 @@ def test_choice() -> None:
 def test_a_tolerance_has_to_be_met_beyond_chance() -> None:
     loose = entry("loose", 1000, 0.0099, 5.0)
     assert loose.meets(0.01)
-    for row in loose.comparison.by_theta_i:
+    for row in [*loose.comparison.by_theta_i, *loose.comparison.between]:
         row["l1_stderr"] = 0.003  # more than a fifth of the tolerance
     assert not loose.meets(0.01)
 

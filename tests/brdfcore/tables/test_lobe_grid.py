@@ -59,7 +59,7 @@ def test_kernels_agree_with_their_twin(source: bc.Brdf) -> None:
     )  # fmt: skip
     assert outside == 0
     plain = plain.reshape(a.size, -1)
-    size = np.abs(plain) + 1e-6 * np.abs(plain).max()
+    size = np.abs(plain) + (1e-6 if table.non_negative else 1e-2) * np.abs(plain).max()
     assert (np.abs(table.evaluate(a, b, c) - plain) / size).max() < 1e-5
     single = table.evaluate(*(x.astype(np.float32) for x in (a, b, c)))
     assert np.median(np.abs(single - plain) / size) < 1e-5
@@ -100,7 +100,7 @@ def test_one_value_at_the_normal() -> None:
     table = bc.tabulate(Skewed(), "lobe_grid", shape=(16, 8, 12))
     theta = np.linspace(0.1, 1.5, 7)
     around = table.evaluate(0.0, theta[:, None], np.linspace(-3, 3, 9))
-    assert np.ptp(around, axis=1).max() <= 1e-12 * np.abs(around).max()
+    assert np.ptp(around, axis=1).max() <= 1e-5 * np.abs(around).max()  # the last step of a map of 16-bit words
     # and it is the mean: that of f = 1 + sin theta_o sin delta_phi cos theta_i is 1
     assert around[:, 0, 0] == pytest.approx(1.0, abs=0.02)
 
