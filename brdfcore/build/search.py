@@ -12,9 +12,9 @@ from brdfcore.build.costs import AS_FAST, nanoseconds
 from brdfcore.build.judge import Judge
 from brdfcore.tables.base.table import BuildOptions, Progress, Table
 
-#: Steps of a ladder are left out where the error says that they won't do: bytes have to grow by at least the error's
-#: excess to this power, and by no more than _MOST_STEP at once.
-_STEP, _MOST_STEP = 0.9, 4.0
+#: Steps of a ladder are left out where the error says that they won't do (`Table.STEP`), but for no more than so many
+#: times the bytes at once.
+_MOST_STEP = 4.0
 
 
 @dataclass
@@ -78,7 +78,7 @@ class Search:
         for k, step in enumerate(steps):
             if step.nbytes < least and k + 1 < len(steps):
                 continue
-            if step.nbytes and not self._could_win(step.nbytes, self._ns(cls, step.interpolation, step.nbytes)):
+            if not self._worth(cls, step):
                 return
             found = self._try(cls, step)
             if found is None:
@@ -86,9 +86,13 @@ class Search:
             if found.error <= self.tolerance:
                 return
             excess, nbytes = found.error / self.tolerance, found.table.nbytes
-            if excess > cls.largest_gain(step.interpolation, max(steps[-1].nbytes, nbytes) / nbytes):
+            largest = max((s.nbytes for s in steps[k + 1 :] if self._worth(cls, s)), default=0)
+            if excess > cls.largest_gain(step.interpolation, max(largest / nbytes, 1.0)):
                 return
-            least = nbytes * min(excess**_STEP, _MOST_STEP)
+            least = nbytes * min(excess**cls.STEP, _MOST_STEP)
+
+    def _worth(self, cls: type[Table], step: BuildOptions) -> bool:
+        return not step.nbytes or self._could_win(step.nbytes, self._ns(cls, step.interpolation, step.nbytes))
 
     def _could_win(self, nbytes: int, ns: float) -> bool:
         """Whether a table that meets the tolerance would be chosen: it is smaller and fast enough, or so much faster

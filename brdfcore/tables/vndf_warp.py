@@ -2,12 +2,14 @@
 
 J. Dupuy, W. Jakob, "An adaptive parameterization for efficient material acquisition and rendering", ACM Trans.
 Graph. 37(6), 2018, DOI 10.1145/3272127.3275059: the sample grid is dense where the material's own distribution of
-visible normals is, so that 32 x 32 samples hold a lobe of any width without a visible error.
+visible normals is, so that 32 x 32 samples hold a lobe of any width without a visible error. Most of a file's arrays is
+the density itself, which is smooth: at a quarter of its nodes an error of some thousandths is left.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -18,6 +20,7 @@ from brdfcore.base.brdf import Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import HALF_PI, THETA_MAX, FloatArray
 from brdfcore.base.errors import FileFormatError, InputError
+from brdfcore.base.parameters import Parameter
 from brdfcore.base.status import Status
 from brdfcore.tables.base.table import BuildOptions, Progress, Table
 
@@ -25,6 +28,8 @@ Float32Array = npt.NDArray[np.float32]
 
 #: Largest f_r cos(theta_o) of a table: divided by the horizon's cosine, 6e-17, it stays below float32's largest number.
 MAX_VALUE = 1e21
+#: Shares of the file's nodes of the visible normals' density, along azimuth and polar angle, that `candidates` tries.
+THINNED = ((0.25, 0.5), (1 / 3, 0.5), (0.5, 0.5), (0.5, 1.0), (1.0, 1.0))
 #: Nodes of theta_i are float32: a last node this close below pi/2 is pi/2.
 _LAST_NODE_SLACK = 4 * 2.0**-23
 
@@ -65,6 +70,8 @@ class VndfWarp(Table):
 
     name = "vndf_warp"
     SUMMARY = "the adaptive parameterisation of the RGL material database, exact for its files"
+    PARAMETERS = (Parameter("shape", "", "nodes of the visible normals' density, at most the file's", "", kind="text"),)
+    STEP = 0.0
     _checks_domain = True
 
     def __init__(self, arrays: Mapping[str, npt.NDArray[Any]], channels: Channels, flags: Mapping[str, bool]) -> None:
@@ -134,7 +141,10 @@ class VndfWarp(Table):
 
     @classmethod
     def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
-        """`source` itself as a new table, exactly; negatives="zero" sets negative samples to 0."""
+        """`source` itself as a new table; negatives="zero" sets negative samples to 0.
+
+        Exactly, unless a shape (n_y, n_x) asks for fewer nodes of the density of visible normals: `thinned`.
+        """
         if not isinstance(source, VndfWarp):
             raise InputError(
                 "source_not_held",
@@ -144,13 +154,27 @@ class VndfWarp(Table):
                 got=type(source).__name__,
                 expected="a material read from an RGL file",
             )
-        if options.shape is not None or options.fold or options.interpolation != "linear":
+        if options.fold or options.interpolation != "linear":
             raise InputError(
                 "bad_option",
-                "vndf_warp keeps the file's own nodes: it takes no shape, no fold and no other interpolation",
-                where="shape" if options.shape is not None else "fold" if options.fold else "interpolation",
+                "vndf_warp keeps the file's own samples: it takes no fold and no other interpolation",
+                where="fold" if options.fold else "interpolation",
             )
         arrays, flags, done = source.to_arrays(), source.flags, list(source.report.get("done", []))
+        if options.shape is not None:
+            most = arrays["warp"].shape[1:3]
+            if len(options.shape) != 2 or not all(2 <= n <= m for n, m in zip(options.shape, most)):
+                raise InputError(
+                    "bad_shape",
+                    f"shape = {list(options.shape)}: expected 2 numbers of nodes of the density of visible normals "
+                    f"(azimuth, polar angle), from 2 to the file's own {list(most)}",
+                    where="shape",
+                    got=list(options.shape),
+                    expected=f"2 whole numbers, up to {list(most)}",
+                )
+            if options.shape != most:
+                arrays |= thinned(arrays["warp"], arrays["rows"], (options.shape[0], options.shape[1]))
+                done.append(f"density of visible normals at {list(options.shape)} of the file's {list(most)} nodes")
         negative = int((arrays["spectra"] < 0).sum())
         if options.negatives == "zero" and negative:
             arrays["spectra"] = np.maximum(arrays["spectra"], np.float32(0))
@@ -160,6 +184,23 @@ class VndfWarp(Table):
         table.source, table.report = dict(source.source), {**source.report, "done": done}
         table.metadata = dict(source.metadata)
         return table
+
+    @classmethod
+    def candidates(cls, source: Brdf, options: BuildOptions, max_bytes: int | None) -> Iterable[BuildOptions]:
+        """Fewer nodes of the density of visible normals, down to a quarter by a half; and all of them."""
+        if not isinstance(source, VndfWarp) or options.fold or options.interpolation != "linear":
+            return []
+        arrays = source.to_arrays()
+        _, n_y, n_x, _ = arrays["warp"].shape
+        found = []
+        for y, x in THINNED:
+            shape = (max(2, round(n_y * y)), max(2, round(n_x * x)))
+            left = arrays["warp"].nbytes * (1 - shape[0] * shape[1] / (n_y * n_x))
+            left += arrays["rows"].nbytes * (1 - shape[0] / n_y)
+            whole = shape == (n_y, n_x)
+            found.append(replace(options, shape=None if whole else shape, nbytes=round(source.nbytes - left)))
+        fitting = [o for o in found if max_bytes is None or o.nbytes <= max_bytes]
+        return fitting if max_bytes is None else fitting[-1:] or found[:1]
 
     @property
     def incidence_knots(self) -> Float32Array:
@@ -193,6 +234,35 @@ class VndfWarp(Table):
             last = THETA_MAX
         beyond = (theta_i < first) | (theta_i > last)
         return np.where(beyond, np.uint8(Status.EXTRAPOLATED), np.uint8(Status.INTERPOLATED))
+
+
+def thinned(warp: Float32Array, rows: Float32Array, shape: tuple[int, int]) -> dict[str, Float32Array]:
+    """`warp` and `rows` at fewer nodes, (n_y, n_x), uniform again.
+
+    The integrals at the new nodes are those of the density at all nodes, not of what is left of it: a half vector there
+    keeps its place among the samples, and between two nodes moves by the second difference of the density.
+    """
+    density, along = (warp[..., k].astype(np.float64) for k in (0, 1))
+    whole, across = (rows[..., k].astype(np.float64) for k in (0, 1))
+    n_y, n_x = density.shape[1:]
+    (i, v), (j, u) = (_between(n, last) for n, last in zip(shape, (n_y, n_x)))
+    left, right = density[:, :, j], density[:, :, j + 1]
+    values = left + (right - left) * u
+    sums = along[:, :, j] + u * (left + 0.5 * u * (right - left)) / (n_x - 1)
+    found = [x[:, i] + (x[:, i + 1] - x[:, i]) * v[:, None] for x in (values, sums)]
+    low, high = whole[:, i], whole[:, i + 1]
+    lines = [low + (high - low) * v, across[:, i] + v * (low + 0.5 * v * (high - low)) / (n_y - 1)]
+    return {
+        "warp": np.stack(found, axis=-1).astype(np.float32),
+        "rows": np.stack(lines, axis=-1).astype(np.float32),
+    }
+
+
+def _between(n: int, nodes: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.float64]]:
+    """Cell and position in it of n uniform places over `nodes` uniform nodes, both ends included."""
+    place = np.linspace(0, nodes - 1, n)
+    cell = np.minimum(place.astype(np.intp), nodes - 2)
+    return cell, place - cell
 
 
 def _integral(density: npt.NDArray[np.float64], axis: int) -> npt.NDArray[np.float64]:

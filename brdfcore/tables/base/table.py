@@ -89,6 +89,9 @@ class Table(Brdf):
     FOR_AUTO: ClassVar[bool] = True
     #: Relative rounding of the stored nodes of a file's own table.
     NODES_ROUNDED: ClassVar[float] = 0.0
+    #: Bytes have to grow by at least the excess of an error over a tolerance to this power: steps of `candidates` that
+    #: are nearer are left out. 0: each is tried.
+    STEP: ClassVar[float] = 0.9
     _fixed = True
 
     def __init__(self, channels: Channels, flags: Mapping[str, bool]) -> None:

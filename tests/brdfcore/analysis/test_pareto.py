@@ -291,3 +291,15 @@ def test_a_measured_file_is_its_own_table() -> None:
     own = [e for e in found.entries if e.representation == "vndf_warp"]
     assert len(own) == 1
     assert (own[0].error, own[0].nbytes) == (0.0, bc.read(path).nbytes)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("source", [bc.model("oren_nayar", sigma=0.5), bc.model("ggx", roughness=0.02)])
+def test_what_is_advised_is_what_tabulate_takes(source: bc.Brdf) -> None:
+    """The same representation, and no larger: a size between the steps of `tabulate` may do as well."""
+    found = bc.pareto(source, tolerance=0.02, sizes=(16_000,), rounds=2, directions=5_000)
+    table = bc.tabulate(source, tolerance=0.02)
+    assert found.table is not None
+    assert found.table.representation == table.name
+    assert found.table.nbytes <= table.nbytes
+    assert found.table.meets(0.02)
+    assert not found.not_tried

@@ -19,7 +19,7 @@ from brdfcore.base.status import Status
 from brdfcore.formats.rgl.tensor_file import encode
 from brdfcore.kernels.tables import warp
 from brdfcore.tables.base.table import BuildOptions
-from brdfcore.tables.vndf_warp import VndfWarp
+from brdfcore.tables.vndf_warp import VndfWarp, thinned
 from tests.support.rgl_synthetic import Fields, fields_of, identity_fields, published_value
 from tests.support.tiers import first_fast
 
@@ -323,3 +323,42 @@ def test_arrays_that_do_not_fit_are_refused(name: str, change: Any) -> None:
 def test_importing_the_table_and_the_format_loads_no_compiler() -> None:
     code = "import sys, brdfcore.tables.vndf_warp, brdfcore.formats.rgl.format; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_fewer_nodes_of_the_normals() -> None:
+    """A density that is linear between every other node loses nothing by them; its samples are all kept."""
+    fields = fields_of()
+    n_y, n_x = fields["vndf"].shape[2:]
+    source = made(fields)
+    whole = source.to_arrays()
+    kept = thinned(whole["warp"], whole["rows"], (n_y, n_x))
+    assert kept["warp"] == pytest.approx(whole["warp"], rel=1e-6)
+    assert kept["rows"] == pytest.approx(whole["rows"], rel=1e-6)
+    # twice the nodes of a bilinear density, thinned again
+    fine = np.zeros((*whole["warp"].shape[:1], 2 * n_y - 1, 2 * n_x - 1))
+    density = fields["vndf"][0].astype(np.float64)
+    fine[:, ::2, ::2] = density
+    fine[:, ::2, 1::2] = 0.5 * (density[:, :, 1:] + density[:, :, :-1])
+    fine[:, 1::2] = 0.5 * (fine[:, 2::2] + fine[:, :-2:2])
+    doubled = made({**fields, "vndf": fine[None].astype(np.float32)})
+    again = VndfWarp.build(doubled, BuildOptions(shape=(n_y, n_x)))
+    assert again.to_arrays()["warp"] == pytest.approx(whole["warp"], rel=1e-5, abs=1e-7)
+    assert again.to_arrays()["rows"] == pytest.approx(whole["rows"], rel=1e-5, abs=1e-7)
+    assert np.array_equal(again.to_arrays()["spectra"], whole["spectra"])
+    angles = spread(2_000)
+    assert again.evaluate(*angles) == pytest.approx(doubled.evaluate(*angles), rel=1e-4, abs=1e-6)
+    assert "density of visible normals" in again.report["done"][-1]
+    with pytest.raises(InputError, match="visible normals"):
+        VndfWarp.build(source, BuildOptions(shape=(n_y + 1, n_x)))
+
+
+def test_candidates_are_smaller_than_the_source() -> None:
+    source = made(fields_of())
+    found = list(VndfWarp.candidates(source, BuildOptions(), None))
+    sizes = [VndfWarp.build(source, o).nbytes for o in found]
+    assert sizes == [o.nbytes for o in found] == sorted(sizes)
+    assert sizes[-1] == source.nbytes
+    assert found[-1].shape is None
+    assert next(iter(VndfWarp.candidates(source, BuildOptions(), sizes[1]))).nbytes == sizes[1]
+    assert list(VndfWarp.candidates(source, BuildOptions(fold=frozenset({"bilateral"})), None)) == []
+    assert list(VndfWarp.candidates(bc.model("lambert"), BuildOptions(), None)) == []
