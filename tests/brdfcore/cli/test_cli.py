@@ -331,19 +331,25 @@ def test_a_closed_pipe_is_quiet() -> None:
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_leaves_no_traceback_and_no_file(tmp_path: Path) -> None:
     code = (
-        "import sys, brdfcore.build.tabulate as build\n"
+        "import signal, sys, brdfcore.build.tabulate as build\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored where a shell started us by `&`
         "def tabulate(*a, **k):\n"
         "    print('started', flush=True)\n"
         "    import time; time.sleep(20)\n"
         "build.tabulate = tabulate\n"
         f"from brdfcore.cli import main; sys.exit(main(['tabulate', 'lambert', '-o', {str(tmp_path / 'x.h5')!r}]))"
     )
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "started\n"
-    start = time.monotonic()
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=15)
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "started\n"
+        start = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        try:
+            _, err = process.communicate(timeout=15)
+        finally:
+            process.kill()
     assert time.monotonic() - start < 10
     assert process.returncode == 130
     assert "Traceback" not in err
