@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.channels import Channels
-from brdfcore.base.conventions import FloatArray
+from brdfcore.base.conventions import HALF_PI
 from brdfcore.base.directions import cosine_pairs
+from brdfcore.base.quadrature import hemisphere_rule
 from brdfcore.base.status import Status
 from brdfcore.formats.base.doubts import doubts
 from brdfcore.formats.base.measurements import Measurements
@@ -223,19 +224,19 @@ def measures_of(b: Brdf, values: npt.NDArray[Any], before: Brdf | None = None) -
 # ---- albedo and coverage ----------------------------------------------------------------------
 
 
-class _Covered(Brdf):
-    """`part` where it follows from measurements, 0 where a policy filled it."""
-
-    def __init__(self, part: Brdf, coverage: Coverage) -> None:
-        super().__init__()
-        self.part, self.coverage = part, coverage
-        self.channels, self.bilateral = part.channels, part.bilateral
-
-    def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
-        self.part.evaluate(theta_i, theta_o, delta_phi, out=out)
-        codes = self.coverage.status(*(np.asarray(a, np.float64) for a in (theta_i, theta_o, delta_phi)))
-        out[codes == Status.FILLED] = 0
-        return True
+def _covered_share(b: Brdf, coverage: Coverage, theta_i: Float64Array) -> Float64Array:
+    """Share of int f cos(theta_o) dwo that lies where f follows from measurements, (angles, channels), to a percent or
+    so: the other directions end abruptly, which no rule resolves at a price worth paying for a report."""
+    shares = []
+    for light in theta_i.tolist():
+        theta_o, delta_phi, weight = hemisphere_rule(light, points=6, azimuths=24, bilateral=b.bilateral)
+        theta_o = np.clip(theta_o, 0, HALF_PI)
+        f = b.evaluate(light, theta_o, delta_phi)
+        known = coverage.status(np.full(theta_o.size, light), theta_o, delta_phi) != Status.FILLED
+        whole = weight @ f
+        part = (weight * known) @ f
+        shares.append(np.divide(part, whole, out=np.ones_like(whole), where=whole != 0))
+    return np.array(shares)
 
 
 def albedo_of(b: Brdf, coverage: Coverage | None = None, before: Brdf | None = None) -> dict[str, Any]:
@@ -246,10 +247,12 @@ def albedo_of(b: Brdf, coverage: Coverage | None = None, before: Brdf | None = N
     """
     theta = np.radians(ALBEDO_ANGLES)
     after = b.albedo(theta)
-    earlier = _Covered(b, coverage) if coverage is not None else before
+    earlier = None if before is None else before.albedo(theta)
+    if coverage is not None:
+        earlier = after * _covered_share(b, coverage, theta)
     return {
         "theta_i": list(ALBEDO_ANGLES),
-        **({} if earlier is None else {"before": _rounded(earlier.albedo(theta).mean(axis=1))}),
+        **({} if earlier is None else {"before": _rounded(earlier.mean(axis=1))}),
         "after": _rounded(after.mean(axis=1)),
         "meaning": "mean of the channels; before: without the directions that were filled, after: with them"
         if coverage is not None

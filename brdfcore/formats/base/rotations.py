@@ -38,7 +38,7 @@ def lost_sentence(what: str, loss: float) -> str:
     return f"{what} averaged over rotation, as asked: the mean misplaces {loss:.3g} of the reflected energy (L1)"
 
 
-def anisotropic(file: str, field: str, spread: float, evidence: str, **context: Any) -> FileFormatError:
+def anisotropic(file: str, field: str, spread: float | str, evidence: str, **context: Any) -> FileFormatError:
     """The refusal of an anisotropic sample: what differs by how much, where, and what may be asked instead."""
     return FileFormatError(
         "anisotropic",

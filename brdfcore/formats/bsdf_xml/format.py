@@ -5,7 +5,7 @@ narrower than that is gone, and no reader interpolates. Read to a `patch_grid`, 
 programs do. Reflection is read, of one side; transmission is left out, by name. WINDOW's "Reflection Back" is what
 Radiance shows of a surface seen from above (its normal towards the viewer), so that is the side read where both are
 there; both sides are written. A Klems matrix of an anisotropic sample (its patches of one difference of azimuth differ)
-is refused, or averaged over rotation with isotropic="mean"; a tensor tree of rank 4 is refused.
+and a tensor tree of rank 4 are refused, or averaged over rotation with isotropic="mean".
 """
 
 from __future__ import annotations
@@ -115,24 +115,18 @@ class _Reader:
         if definition is None or structure not in ("Columns", "Rows", "TensorTree3", "TensorTree4"):
             raise bad(
                 self.file, "IncidentDataStructure", (definition or layer).line, structure or "nothing",
-                "Columns, Rows or TensorTree3",
+                "Columns, Rows, TensorTree3 or TensorTree4",
             )  # fmt: skip
-        if structure == "TensorTree4":
-            raise FileFormatError(
-                "anisotropic",
-                f"{self.file}: line {definition.line}: a tensor tree of rank 4, which is anisotropic, and only rank 3 "
-                "is read; Radiance's bsdf2klems makes a matrix of it, which isotropic='mean' reads",
-                where=self.file,
-                file=self.file,
+        if structure == "TensorTree4" and self.given["isotropic"] != "mean":
+            raise anisotropic(
+                self.file, "IncidentDataStructure", structure,
+                f"line {definition.line}: a tensor tree of rank 4, which holds every rotation of the sample",
                 line=definition.line,
-                field="IncidentDataStructure",
-                got=structure,
-                expected="TensorTree3",
-            )
+            )  # fmt: skip
         blocks, channels = self._blocks(layer)
         table = (
-            self._tree(blocks, channels)
-            if structure == "TensorTree3"
+            self._tree(blocks, channels, structure)
+            if structure.startswith("TensorTree")
             else self._matrix(blocks, channels, definition, structure == "Rows")
         )
         self._describe(table, layer, structure)
@@ -215,15 +209,18 @@ class _Reader:
         self.bases = [inner.name, outer.name]
         return self._table(arrays, channels, bilateral, "rings")
 
-    def _tree(self, blocks: list[Element], channels: Channels) -> PatchGrid:
-        parts = [tree.values_of(self._data(block), self.file) for block in blocks]
+    def _tree(self, blocks: list[Element], channels: Channels, structure: str) -> PatchGrid:
+        if structure == "TensorTree4":
+            means = [tree.mean_over_rotation(self._data(block), self.file) for block in blocks]
+            parts = [values for values, _ in means]
+            self.done.append(lost_sentence("a tensor tree of rank 4", max(loss for _, loss in means)))
+        else:
+            parts = [tree.values_of(self._data(block), self.file) for block in blocks]
+            if self.given["isotropic"] == "mean":
+                self.done.append("isotropic='mean' asked of an isotropic file: nothing to average")
         side = max(p.shape[0] for p in parts)
-        fine = [
-            p.repeat(side // p.shape[0], 0).repeat(side // p.shape[0], 1).repeat(side // p.shape[0], 2) for p in parts
-        ]
+        fine = [_repeated(p, side // p.shape[0]) for p in parts]
         self.bases = ["LBNL/Shirley-Chiu"]
-        if self.given["isotropic"] == "mean":
-            self.done.append("isotropic='mean' asked of an isotropic file: nothing to average")
         return self._table({"values": np.stack(fine, axis=-1)}, channels, False, "disk")
 
     def _table(self, arrays: dict[str, Float64Array], channels: Channels, bilateral: bool, kind: str) -> PatchGrid:
@@ -263,7 +260,8 @@ class _Reader:
         table.metadata = {"description": name} if name else {}
         table.metadata["bsdf_xml"] = {"structure": structure, "bases": self.bases, "channels": self.labels}
         cells = " x ".join(map(str, table.values.shape[:3]))
-        widest = "10 to 15 degrees" if structure != "TensorTree3" else f"a {table.values.shape[1]}th of the square"
+        tree_of = table.coordinates == "disk"
+        widest = f"a {table.values.shape[1]}th of the square" if tree_of else "10 to 15 degrees"
         self.warnings.append(
             f"the values are averages over patches ({widest} wide), and no reader interpolates: a narrower lobe is "
             "lost, and the table is a step function"

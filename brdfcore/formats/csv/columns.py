@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,13 @@ import numpy.typing as npt
 
 from brdfcore.base.errors import FileFormatError
 from brdfcore.formats.base.text_rows import MAX_NUMBERS, TextFile, printable
+from brdfcore.formats.csv.geometry import HALF, VECTORS, from_half, from_vectors
 from brdfcore.formats.csv.header import meaning
 from brdfcore.formats.csv.rows import BLANK, SEPARATORS, Rows, rows_of
 
 #: Roles of columns that hold one number a row.
-ROLES = ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi", "wavelength")
-_ANGLES = ROLES[:5]
+ROLES = ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi", *HALF, "wavelength", *VECTORS)
+_ANGLES = ROLES[:8]
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,8 @@ class Columns:
     angles, mirror, quantity   "deg" or "rad"; degrees; "f", "f_cos" or "pi_f".
     own_header   whether the header said so itself.
     in_plane     whether there is no azimuth: theta_o > 0 lies on the mirror side, theta_o < 0 on the light's.
+    turned       "" for columns of polar angles and azimuths; "half and difference angles" or "vectors", made these.
+    done         sentences about that.
     wavelength_unit   that the header of the wavelength column names, "" without.
     before       lines before the header.
     """
@@ -51,6 +54,8 @@ class Columns:
     header_line: int
     title: str
     spread_places: list[int]
+    turned: str = ""
+    done: tuple[str, ...] = ()
 
     @property
     def width(self) -> int:
@@ -84,10 +89,13 @@ class Columns:
         """{role: name or number of its column} for the report."""
         where = {role: [k] for role, k in self.places.items()} | {"value": self.value_places}
         where |= {"uncertainty": self.spread_places} if self.spread_places else {}
+        count = len(self.names)
+        elsewhere = f"from {self.turned}" if self.turned else "a line above the rows"
         return {
-            role: " ".join(self.names[k] if self.names else str(k + 1) for k in places)
+            role: " ".join(self.names[k] if k < count else elsewhere if count or self.turned else str(k + 1)
+                           for k in places)
             for role, places in where.items()
-        }
+        }  # fmt: skip
 
 
 def split_list(text: str) -> list[str]:
@@ -100,13 +108,16 @@ def split_list(text: str) -> list[str]:
 
 def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
     """Read `text` with the options of the csv format; `FileFormatError` names the line, or the options that lack."""
-    rows = rows_of(text)
+    rows = rows_of(text, chosen["matrix"])
     comments = [line.strip("# \t") for line in text.lines if line.lstrip().startswith("#")]
     header = rows.names
-    said = _Said.of(header)
+    said = _Said.of(header, rows.given_unit)
     places, values = _placed(text, rows, said, chosen)
-    in_plane = not {"delta_phi", "phi_o"} & set(places) and _signed(rows, places)
-    missing = _missing(places, values, said, in_plane, chosen)
+    kind = _kind(places)
+    unused = {*HALF, *VECTORS} if not kind else {*_ANGLES, *VECTORS} - {*_KINDS[kind]}
+    places = {role: k for role, k in places.items() if role not in unused}
+    in_plane = not kind and not {"delta_phi", "phi_o"} & set(places) and _signed(rows, places)
+    missing = _missing(places, values, said, in_plane, kind, chosen)
     if missing:
         raise _not_clear(text, rows, missing)
     spread = []
@@ -118,16 +129,16 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
             )
     table, numbers = _numbers(text, rows, places, spread, values)
     _counted(text, comments, len(table))
-    return Columns(
+    read = Columns(
         table=table,
         numbers=numbers,
         places=places,
         value_places=values,
         names=header,
         angles=str(chosen["angles"] or said.unit),
-        mirror=0.0 if in_plane else 180.0 if chosen["mirror"] is None else float(chosen["mirror"]),
+        mirror=0.0 if in_plane else 180.0 if chosen["mirror"] is None or kind else float(chosen["mirror"]),
         quantity=str(chosen["quantity"] or said.quantity or "f"),
-        own_header=all(chosen[k] is None for k in ("angles", "mirror", "quantity", "value", *ROLES)),
+        own_header=all(chosen[k] is None for k in ("angles", "mirror", "quantity", "value", *_OPTIONS)),
         in_plane=in_plane,
         wavelength_unit=said.wavelength_unit if chosen["wavelength"] is None else
         meaning(header[places["wavelength"]]).unit if header else "",
@@ -137,6 +148,34 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
         title=printable(comments[0])[:200] if comments else "",
         spread_places=spread,
     )  # fmt: skip
+    return _turned(text, read, kind) if kind else read
+
+
+#: Options that name columns: one a role, and a list for each vector.
+_OPTIONS = (*ROLES[:9], "wi", "wo")
+_KINDS = {"half and difference angles": HALF, "vectors": VECTORS}
+
+
+def _kind(places: dict[str, int]) -> str:
+    """What the columns are where they are no polar angles, "" where they are."""
+    if {"theta_i", "theta_o"} <= set(places):
+        return ""
+    return next((kind for kind, roles in _KINDS.items() if set(roles[:2]) <= set(places)), "")
+
+
+def _turned(text: TextFile, read: Columns, kind: str) -> Columns:
+    """`read` with columns of theta_i, theta_o, delta_phi in radians behind its own."""
+    roles = _KINDS[kind]
+    columns = read.table[:, [read.places[role] for role in roles]]
+    if kind == "vectors":
+        found = from_vectors(text, columns, read.numbers)
+    else:
+        found = from_half(text, np.radians(columns) if read.angles == "deg" else columns, read.numbers)
+    places = {role: k for role, k in read.places.items() if role not in (*_ANGLES, *VECTORS)}
+    places |= {role: read.width + k for k, role in enumerate(("theta_i", "theta_o", "delta_phi"))}
+    table = np.concatenate([read.table[found.kept], np.stack(found.angles, axis=1)], axis=1)
+    return replace(read, table=table, numbers=read.numbers[found.kept], places=places, angles="rad", turned=kind,
+                   done=tuple(found.done))  # fmt: skip
 
 
 def _not_clear(text: TextFile, rows: Rows, missing: list[str]) -> FileFormatError:
@@ -167,13 +206,14 @@ class _Said:
     wavelength_unit: str
 
     @classmethod
-    def of(cls, header: list[str]) -> _Said:
+    def of(cls, header: list[str], given_unit: str) -> _Said:
         meanings = [meaning(name) for name in header]
         places: dict[str, int] = {}
         for k, found in enumerate(meanings):
             if found.role in ROLES:
                 places.setdefault(found.role, k)
         units = {meanings[k].unit for role, k in places.items() if role in _ANGLES}
+        units = {given_unit} if given_unit and units <= {"", given_unit} else units
         values = [k for k, found in enumerate(meanings) if found.role == "value"]
         kinds = {meanings[k].quantity for k in values}
         # "dphi" of another program may count from either side; delta_phi and phi_i, phi_o are this project's
@@ -187,9 +227,15 @@ class _Said:
 def _placed(text: TextFile, rows: Rows, said: _Said, chosen: dict[str, Any]) -> tuple[dict[str, int], list[int]]:
     """(column of each role, value columns): options, then what the header says of columns that no option took."""
     places: dict[str, int] = {}
-    for role in ROLES:
-        if chosen[role] is not None:
-            places[role] = _place(text, rows, role, chosen[role])
+    asked = {role: chosen[role] for role in ROLES[:9]}
+    for name in ("wi", "wo"):
+        parts = [] if chosen[name] is None else split_list(chosen[name])
+        if parts and len(parts) != 3:
+            raise text.bad(rows.line, name, f"{name}={chosen[name]}", "three columns, as [X,Y,Z]")
+        asked |= {f"{name}_{k}": part for k, part in zip("xyz", parts, strict=False)}
+    for role, column in asked.items():
+        if column is not None:
+            places[role] = _place(text, rows, role, column)
     values = []
     if chosen["value"] is not None:
         values = [_place(text, rows, "value", part) for part in split_list(chosen["value"])]
@@ -201,8 +247,12 @@ def _placed(text: TextFile, rows: Rows, said: _Said, chosen: dict[str, Any]) -> 
         if role in places or place in taken or (azimuth_named and role in ("phi_i", "phi_o", "delta_phi")):
             continue
         places[role] = place
+    for k, role in enumerate(rows.given):  # what a line above the rows says, unless a column does
+        azimuth_known = role in ("phi_i", "phi_o", "delta_phi") and {"delta_phi", "phi_o"} & set(places)
+        if role not in places and not azimuth_known:
+            places[role] = rows.width + k
     if chosen["value"] is None:
-        values = [k for k in said.values if k not in taken]
+        values = [k for k in rows.values or said.values if k not in taken]
     if chosen["wavelength"] is None and len(values) != 1:
         places.pop("wavelength", None)  # a column a wavelength: another one says nothing of them
     if "delta_phi" in places and "phi_o" in places:  # one says all; delta_phi is what the look-up takes
@@ -230,6 +280,8 @@ def _signed(rows: Rows, places: dict[str, int]) -> bool:
     wanted = [places[role] for role in ("theta_i", "theta_o") if role in places]
     if len(wanted) < 2:
         return False
+    if any(value.startswith("-") for role in ("theta_i", "theta_o") for value in rows.given.get(role, ())):
+        return True
     for _, line in rows.body:
         cells = rows.split(line)
         if any(k < len(cells) and cells[k][:1] == "-" and cells[k] not in BLANK for k in wanted):
@@ -238,18 +290,23 @@ def _signed(rows: Rows, places: dict[str, int]) -> bool:
 
 
 def _missing(
-    places: dict[str, int], values: list[int], said: _Said, in_plane: bool, chosen: dict[str, Any]
+    places: dict[str, int], values: list[int], said: _Said, in_plane: bool, kind: str, chosen: dict[str, Any]
 ) -> list[str]:
     """The options that have to be given."""
-    missing = [f"{role}=COLUMN" for role in ("theta_i", "theta_o") if role not in places]
-    if "delta_phi" not in places and "phi_o" not in places and not in_plane:
-        missing.append("phi_o=COLUMN (and phi_i=COLUMN) or delta_phi=COLUMN")
+    if kind:
+        missing = [f"{role}=COLUMN" for role in _KINDS[kind] if role not in places]
+        if missing and kind == "vectors":
+            missing = ["wi=[X,Y,Z] and wo=[X,Y,Z]"]
+    else:
+        missing = [f"{role}=COLUMN" for role in ("theta_i", "theta_o") if role not in places]
+        if "delta_phi" not in places and "phi_o" not in places and not in_plane:
+            missing.append("phi_o=COLUMN (and phi_i=COLUMN) or delta_phi=COLUMN")
     if not values:
         missing.append("value=COLUMN")
-    if not said.unit and chosen["angles"] is None:
+    if not said.unit and chosen["angles"] is None and kind != "vectors":
         missing.append("angles=deg or angles=rad")
     named = any(chosen[role] is not None for role in ("delta_phi", "phi_o"))
-    if not in_plane and (named or not said.mirror) and chosen["mirror"] is None:
+    if not in_plane and not kind and (named or not said.mirror) and chosen["mirror"] is None:
         missing.append("mirror=180 (phi_o - phi_i of the mirror direction, or 0)")
     if (chosen["value"] is not None or not said.quantity) and chosen["quantity"] is None:
         missing.append("quantity=f, f_cos or pi_f")
@@ -263,7 +320,7 @@ def _numbers(
         raise text.bad(len(text.lines), "rows", "no rows after the header", "rows of numbers")
     if len(rows.body) * rows.width > MAX_NUMBERS:
         raise text.bad(rows.body[0][0], "rows", f"more than {MAX_NUMBERS} numbers", "a smaller file")
-    used, blank = sorted({*angles.values(), *spread, *values}), set(values)
+    used, blank = sorted({k for k in (*angles.values(), *spread, *values) if k < rows.width}), set(values)
     # a block's incidence stands once, in its first row, as a spreadsheet's merged cells are saved
     block = {angles[role] for role in ("theta_i", "phi_i") if role in angles}
     table = np.zeros((len(rows.body), rows.width))
@@ -281,6 +338,8 @@ def _numbers(
                 continue
             name = rows.names[place] if rows.names else f"column {place + 1}"
             table[k, place] = text.number(rows.decimal(cell), number, name)
+    if rows.given:
+        table = np.concatenate([table, np.array([*rows.given.values()], np.float64).T], axis=1)
     return table, np.array([number for number, _ in rows.body], np.int64)
 
 

@@ -48,7 +48,8 @@ class CsvFormat(Format):
     written here and by `brdf eval --csv`. Of any other the columns (by name, or by number from 1), the unit of the
     angles, the azimuth of the mirror direction and the quantity have to be given as far as usual names do not say
     them; what is missing is an error that names the option. Lines before the header, quotes, decimal commas, blank
-    cells and UTF-16 are read. Without azimuths a signed theta_o lies in the plane of incidence, positive on the mirror
+    cells and UTF-16 are read, lines above blocks of rows (theta_i = 30), matrices of theta_o by theta_i, half and
+    difference angles, vectors. Without azimuths a signed theta_o lies in the plane of incidence, positive on the mirror
     side. Read to a `scattered` table.
     """
 
@@ -61,6 +62,13 @@ class CsvFormat(Format):
         _text("theta_o", "column of the viewer's polar angle"),
         _text("phi_o", "column of the viewer's azimuth"),
         _text("delta_phi", "column of phi_o - phi_i, instead of the azimuths"),
+        _text("theta_h", "column of the half vector's polar angle, instead of theta_i and theta_o"),
+        _text("theta_d", "column of the difference angle, between wi and the half vector"),
+        _text("phi_d", "column of wi's azimuth about the half vector, 0 away from the normal"),
+        _text("wi", "columns of the vector to the light, as [X,Y,Z], instead of angles"),
+        _text("wo", "columns of the vector to the viewer, as [X,Y,Z]"),
+        Parameter("matrix", "", "of a matrix of values: the angle in its header; not given: as its first cell says, "
+                  "theta_o or theta_i of the rows", None, kind="choice", choices=("theta_i", "theta_o")),
         _text("value", "column of the value, or [several], one a channel"),
         _text("channels", "names or wavelengths (as 550nm) of the value columns, as [R,G,B]; not given: the header's"),
         _text("uncertainty", "column of the standard uncertainty of the value, in its unit, or [several]"),
@@ -146,7 +154,7 @@ def measurements_of(path: Path, chosen: dict[str, Any]) -> Measurements:
     text = TextFile(path)
     columns = columns_of(text, chosen)
     found = values_of(text, columns, chosen)
-    rows, values, done = columns.numbers[found.rows], found.values, found.done
+    rows, values, done = columns.numbers[found.rows], found.values, [*columns.done, *found.done]
     angle = {name: columns.column(name)[found.rows] for name in ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi")}
     channels = _channels(text, columns, chosen)
     spread = columns.uncertainty(text)
@@ -187,6 +195,7 @@ def measurements_of(path: Path, chosen: dict[str, Any]) -> Measurements:
             "value": _QUANTITIES[columns.quantity],
             "angles": {"deg": "degrees", "rad": "radians"}[columns.angles],
             "azimuth": azimuth,
+            **({"geometry": f"{columns.turned} in the file"} if columns.turned else {}),
             "zenith": "a negative theta is the other side: (|theta|, phi + 180 degrees)",
             **({} if "delta_phi" in columns.places or "phi_i" in columns.places else {"phi_i": "no column: 0"}),
             "columns": ", ".join(f"{k} = {v}" for k, v in columns.described().items()),

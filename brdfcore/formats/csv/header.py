@@ -14,6 +14,10 @@ _ANGLES = {
     "phi_i": ("phii", "phiin", "phiinc"),
     "phi_o": ("phio", "phiout", "phir", "phiv", "phis"),
     "delta_phi": ("deltaphi", "dphi", "relativeazimuth"),
+    "theta_h": ("thetah", "thetahalf", "halfangle"),
+    "theta_d": ("thetad", "thetadiff", "thetadifference", "differenceangle"),
+    "phi_d": ("phid", "phidiff", "phidifference"),
+    **{f"{w}_{k}": (f"{w}{k}", f"{w}.{k}", f"{o}{k}") for w, o in (("wi", "light"), ("wo", "view")) for k in "xyz"},
 }  # fmt: skip
 _ROLE = {name: role for role, names in _ANGLES.items() for name in names}
 _QUANTITY = {"fr": "f", "brdf": "f", "value": "f", "f": "f", "fcos": "f_cos", "brdfcos": "f_cos", "ccbrdf": "f_cos",

@@ -1,12 +1,15 @@
-"""The rows of a text table, whatever stands around them: separator, decimal comma, quotes, lines before the header."""
+"""The rows of a text table, whatever stands around them: separator, decimal comma, quotes, lines before the header or
+between blocks of rows, matrices."""
 
 from __future__ import annotations
 
 import csv
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any
 
-from brdfcore.formats.base.text_rows import TextFile, printable
+from brdfcore.formats.base.text_rows import MAX_NUMBERS, TextFile, printable
+from brdfcore.formats.csv.blocks import Given, Matrix, given, matrix
 from brdfcore.formats.csv.header import meaning
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "": "blanks"}
@@ -16,7 +19,7 @@ BLANK = frozenset({"", "-", "--", "---", "n/a", "na", "#n/a", "null", "none", "n
 _BEFORE, MAX_COLUMNS = 200, 4_096
 #: Characters among which the table's begin is looked for, and what a name of a polar angle has in it.
 _LOOKED_AT = 200_000
-_HINT = re.compile("theta|angle|aoi|incidence", re.I)
+_HINT = re.compile("theta|angle|aoi|incidence|w[io][._ ]?x|light", re.I)
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,8 @@ class Rows:
     width          cells of a row.
     before         lines before the header that are neither blank nor a comment.
     comment        names in the last comment before the rows, where there are as many as columns.
+    given          {role: number of each row} that lines above blocks of rows give, and the unit of these angles.
+    values         indices of columns that hold values though their names don't say so: of a matrix.
     """
 
     separator: str
@@ -39,6 +44,9 @@ class Rows:
     width: int
     before: int
     comment: list[str]
+    given: dict[str, list[str]] = field(default_factory=dict)
+    given_unit: str = ""
+    values: tuple[int, ...] = ()
 
     def split(self, text: str) -> list[str]:
         """The cells of a row; empty ones beyond the width are separators that a spreadsheet left behind."""
@@ -63,13 +71,15 @@ def cells(line: str, separator: str) -> list[str]:
     return [c.strip() for c in line.split(separator)]
 
 
-def rows_of(text: TextFile) -> Rows:
-    """Find the table in a file; `FileFormatError` where there is none."""
+def rows_of(text: TextFile, asked: Any = None) -> Rows:
+    """Find the table in a file; `FileFormatError` where there is none. `asked`: of a matrix, see `blocks.matrix`."""
+    above = {k + 1: found for k, line in enumerate(text.lines) if (found := given(line)) is not None}
     lines = [(k + 1, line.partition("#")[0].rstrip(" ").lstrip(" ")) for k, line in enumerate(text.lines)]
-    lines = [(number, line) for number, line in lines if line.strip(" \t;,")]
+    lines = [(number, line) for number, line in lines if line.strip(" \t;,") and number not in above]
     if not lines:
         raise text.bad(len(text.lines), "rows", "no rows", "rows of numbers")
-    start, header, separator = _found(_first([line for _, line in lines]))
+    roles = {role for found in above.values() for role in found.values}
+    start, header, separator = _found(_first([line for _, line in lines]), roles, asked)
     at = start if header is None else header
     names = _trimmed(cells(lines[at][1], separator))
     if len(names) > MAX_COLUMNS:
@@ -88,7 +98,54 @@ def rows_of(text: TextFile) -> Rows:
                                      for _, line in body[:50] for c in cells(line, separator))  # fmt: skip
     width = len(names) if header is not None else len(_trimmed(first))
     named = [] if header is None else [printable(n) for n in names]
-    return Rows(separator, comma, named, lines[at][0], body, width, at, comment)
+    table = Rows(separator, comma, named, lines[at][0], body, width, at, comment)
+    if above:
+        if named:  # a block may repeat the header
+            table = replace(table, body=[(n, line) for n, line in body if _trimmed(cells(line, separator)) != names])
+        table = _with_given(table, above)
+    shape = matrix(named, asked) if named else None
+    if shape is None and asked is not None:
+        raise text.bad(lines[at][0], "matrix", f"matrix={asked}, and no header of a name and angles above rows",
+                       "such a header")  # fmt: skip
+    return table if shape is None else _melted(text, table, shape)
+
+
+def _with_given(table: Rows, above: dict[int, Given]) -> Rows:
+    """`table` with what the lines `above` give to each of its rows; a role that lacks above the first row is left out,
+    and so is a wavelength that is the same everywhere."""
+    state: dict[str, str] = {}
+    units: set[str] = set()
+    columns: dict[str, list[str]] = {}
+    waiting = sorted(above)
+    for count, (number, _) in enumerate(table.body):
+        while waiting and waiting[0] < number:
+            found = above[waiting.pop(0)]
+            state |= found.values
+            units |= {found.unit} - {""}
+        for role, value in state.items():
+            columns.setdefault(role, [value] * count if not count else []).append(value)
+    full = {role: column for role, column in columns.items() if len(column) == len(table.body)}
+    if len(set(full.get("wavelength", []))) == 1:
+        del full["wavelength"]
+    return replace(table, given=full, given_unit=units.pop() if len(units) == 1 else "")
+
+
+def _melted(text: TextFile, table: Rows, shape: Matrix) -> Rows:
+    """A row for each cell of a matrix."""
+    if 3 * len(table.body) * len(shape.angles) > MAX_NUMBERS:
+        raise text.bad(table.line, "matrix", f"more than {MAX_NUMBERS // 3} cells", "a smaller file")
+    body, columns = [], {role: list[str]() for role in table.given}
+    for k, (number, line) in enumerate(table.body):
+        found = table.split(line)
+        if len(found) != table.width:
+            raise text.bad(number, "row", f"{len(found)} fields", f"{table.width}, as the header has")
+        for angle, cell in zip(shape.angles, found[1:], strict=True):
+            body.append((number, f"{table.decimal(found[0])}\t{angle}\t{table.decimal(cell) or 'nan'}"))
+        for role, column in columns.items():
+            column += [table.given[role][k]] * len(shape.angles)
+    unit = f"_{shape.unit}" if shape.unit else ""
+    names = [shape.rows + unit, shape.columns + unit, "values"]
+    return replace(table, separator="\t", comma=False, names=names, body=body, width=3, given=columns, values=(2,))
 
 
 def has_table(head: str) -> bool:
@@ -119,12 +176,13 @@ def _trimmed(found: list[str]) -> list[str]:
     return found
 
 
-def _found(lines: list[str]) -> tuple[int, int | None, str]:
-    """(index of the first row, of the header or None, separator) of the first table among `lines`."""
-    named = _named(lines)
+def _found(lines: list[str], given: set[str], asked: Any) -> tuple[int, int | None, str]:
+    """(index of the first row, of the header or None, separator) of the first table among `lines`, where the roles
+    `given` stand above blocks."""
+    named = _named(lines, given) or _matrix_header(lines, asked)
     if named is not None:
         return _after(lines, *named), *named
-    best = _first_rows(lines)
+    best = _first_rows(lines, 2 if given else 3)
     if best is None:  # no rows: whatever stands first is the header
         first = next((s for s in (",", ";", "\t") if s in lines[0]), "")
         width, numbers = _numeric(lines[0], first)
@@ -144,27 +202,53 @@ def _found(lines: list[str]) -> tuple[int, int | None, str]:
     return start, None, separator
 
 
-def _named(lines: list[str]) -> tuple[int, str] | None:
-    """(index, separator) of a header that names both polar angles: it is one, whatever follows."""
+def _named(lines: list[str], given: set[str] = frozenset()) -> tuple[int, str] | None:  # type: ignore[assignment]
+    """(index, separator) of a header that names both polar angles but those `given`, half and difference angle, or both
+    vectors: it is one, whatever follows."""
+    wanted = [{"theta_i", "theta_o"} - given, {"theta_h", "theta_d"}, {"wi_x", "wo_x"}]
     for k, line in enumerate(lines):
         if _HINT.search(line):
             for separator in SEPARATORS:
-                if {"theta_i", "theta_o"} <= {meaning(c).role for c in cells(line, separator)[:MAX_COLUMNS]}:
+                roles = {meaning(c).role for c in cells(line, separator)[:MAX_COLUMNS]}
+                if any(names and names <= roles for names in wanted) and len(roles) > 1:
                     return k, separator
     return None
 
 
-def _first_rows(lines: list[str]) -> tuple[int, str] | None:
-    """(index, separator) of the first of two rows of three or more numbers and as many cells."""
+def _matrix_header(lines: list[str], asked: Any) -> tuple[int, str] | None:
+    """(index, separator) of the header of a matrix: numbers alone below it, as many."""
+    for k, line in enumerate(lines[:-1]):
+        for separator in SEPARATORS:
+            if separator and separator not in line:
+                continue
+            names = _trimmed(cells(line, separator))[:MAX_COLUMNS]
+            width, numbers = _numeric(lines[k + 1], separator)
+            if width == len(names) and 2 * numbers >= width and matrix(names, asked) is not None:
+                return k, separator
+    return None
+
+
+def _first_rows(lines: list[str], least: int = 3) -> tuple[int, str] | None:
+    """(index, separator) of the first of two rows of `least` or more numbers and as many cells."""
     best: tuple[int, str] | None = None
     for separator in (";", "\t", ",", ""):
         kinds = [_numeric(line, separator) for line in lines]
         for k, (width, numbers) in enumerate(kinds):
+            if best is not None and k >= best[0]:
+                break
             following = kinds[k + 1] if k + 1 < len(kinds) else (width, numbers)
-            if numbers >= 3 and following[0] == width and following[1] >= 3 and (best is None or k < best[0]):
+            if numbers < least or following[0] != width or following[1] < least:
+                continue
+            if following[1] <= numbers or not _words_above(lines[k], lines[k + 1], separator):
                 best = k, separator
                 break
     return best
+
+
+def _words_above(line: str, below: str, separator: str) -> bool:
+    """Whether a name stands in `line` where there is a number below it: a header of numbers with one name."""
+    pairs = zip(cells(line, separator), cells(below, separator), strict=False)
+    return any(a.lower() not in BLANK and not _is_number(a, separator) and _is_number(b, separator) for a, b in pairs)
 
 
 def _after(lines: list[str], header: int, separator: str) -> int:

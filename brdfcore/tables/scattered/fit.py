@@ -6,8 +6,9 @@ theta_o; one more, odd in delta_phi, where both sides were measured; two alone f
 incidence, which do not tell how f goes on out of it (`tables.scattered.in_plane`). The scales, d, the basis function
 and its smoothing are chosen by cross-validation.
 
-Interpolation: `scipy.interpolate.RBFInterpolator` (G. Fasshauer, Meshfree Approximation Methods with MATLAB, 2007,
-DOI 10.1142/6437).
+Interpolation: `tables.scattered.radial`, and of many measurements from the nearest alone
+`scipy.interpolate.RBFInterpolator` (G. Fasshauer, Meshfree Approximation Methods with MATLAB, 2007, DOI
+10.1142/6437).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy.typing as npt
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.tables.scattered.coverage import sideways
 from brdfcore.tables.scattered.in_plane import assumption, off_mirror
+from brdfcore.tables.scattered.radial import Radial
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -38,8 +40,8 @@ class Settings:
 
     width      rad; theta_h is resolved linearly below it, logarithmically above.
     stretch    weight of that coordinate beside the angles.
-    kernel     of scipy's RBFInterpolator.
-    smoothing  its smoothing.
+    kernel     basis function, of `radial.Radial`.
+    smoothing  on the diagonal of its equations.
     noise      "relative": the same smoothing everywhere, as fits errors proportional to f; "additive": times
                10 d^2/(f^2 + d^2), as fits errors of one size, which only small values feel.
     floor      d of asinh(f/d) as a share of the median measurement.
@@ -88,8 +90,6 @@ class Predictor:
     def __init__(
         self, angles: Float64Array, values: Float64Array, bilateral: bool, in_plane: bool, settings: Settings
     ) -> None:
-        from scipy.interpolate import RBFInterpolator
-
         self.bilateral, self.in_plane, self.settings = bilateral, in_plane, settings
         self._grazing = float(np.cos(min(angles[:, :2].max(), HALF_PI - 1e-3)))
         values = values * self._factor(angles[:, 0], angles[:, 1])
@@ -108,14 +108,23 @@ class Predictor:
         local = len(angles) > ALL_AT_ONCE
         # the nearest measurements may lie in a plane: no linear part for them
         linear = settings.kernel == "thin_plate_spline" or (not local and len(angles) > 4 * (self._axes.shape[1] + 1))
-        self._interpolator: Any = RBFInterpolator(  # type: ignore[call-overload]  # a kernel of `_BASES`
-            self._flattened(features),
-            transformed,
-            kernel=settings.kernel,
-            smoothing=self._smoothing(typical),
-            degree=1 if linear else 0,
-            neighbors=NEIGHBOURS if local else None,
-        )
+        smoothing, degree = self._smoothing(typical), 1 if linear else 0
+        self._own = self._factor(angles[:, 0], angles[:, 1])
+        self.radial: Radial | None = None
+        if local:
+            from scipy.interpolate import RBFInterpolator
+
+            self._interpolator: Any = RBFInterpolator(  # type: ignore[call-overload]  # a kernel of `_BASES`
+                self._flattened(features),
+                transformed,
+                kernel=settings.kernel,
+                smoothing=smoothing,
+                degree=degree,
+                neighbors=NEIGHBOURS,
+            )
+        else:
+            flat = self._flattened(features)
+            self.radial = self._interpolator = Radial(flat, transformed, settings.kernel, smoothing, degree)
 
     def _flattened(self, features: Float64Array) -> Float64Array:
         return np.asarray((features - self._centre) @ self._axes)
@@ -170,9 +179,24 @@ class Predictor:
         Coordinates beyond the range of the measured ones are held at its limits: f goes on as it was there.
         """
         found = self._interpolator(self._flattened(np.clip(features, *self._range)))
-        low, high = self._limits
-        limited = int((found > high).sum())
-        return np.sinh(np.clip(found, low, high)) * self.floor / self._factor(theta_i, theta_o), limited
+        limited = int((found > self._limits[1]).sum())
+        return self._restored(found) / self._factor(theta_i, theta_o), limited
+
+    def _restored(self, found: Float64Array) -> Float64Array:
+        return np.asarray(np.sinh(np.clip(found, *self._limits)) * self.floor)
+
+    def fitted(self, angles: Float64Array) -> Float64Array:
+        """f_r at the measurements themselves, whose `angles` (n, 3) these are, (n, channels)."""
+        return self.at(*angles.T) if self.radial is None else self._restored(self.radial.fitted) / self._own
+
+    def without(self, part: npt.NDArray[np.intp], others: npt.NDArray[np.intp]) -> tuple[Float64Array, Float64Array]:
+        """f_r at the measurements `part` and `others`, by index, as all but `part` say; of one with `radial` only."""
+        assert self.radial is not None
+        own = np.broadcast_to(self._own, (len(self.radial.values), 1))
+        return tuple(
+            self._restored(found) / own[rows]
+            for found, rows in zip(self.radial.without(part, others), (part, others), strict=True)
+        )  # type: ignore[return-value]
 
     def at(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
         """f_r of pairs of directions, (n, channels)."""
@@ -212,7 +236,7 @@ def choose(
         except np.linalg.LinAlgError:  # measurements that lie too regularly for this basis
             return np.inf, np.inf
         found = float(relative_errors(values[held], predictor.at(*angles[held].T)).mean())
-        lost = float(cosine @ np.abs(predictor.at(*angles[kept].T) - values[kept]).sum(axis=1)) / energy
+        lost = float(cosine @ np.abs(predictor.fitted(angles[kept]) - values[kept]).sum(axis=1)) / energy
         return found + _ENERGY_WEIGHT * lost, found
 
     least = errors(best)

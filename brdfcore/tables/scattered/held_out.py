@@ -14,7 +14,7 @@ from brdfcore.base.status import Status
 from brdfcore.tables.base.error_cells import EDGES, cells
 from brdfcore.tables.base.local_error import HELD_LEVEL, LocalError, calibrated, encoded, fitting, quantile
 from brdfcore.tables.scattered.coverage import Coverage
-from brdfcore.tables.scattered.fit import ALL_AT_ONCE, Predictor, Settings, relative_errors
+from brdfcore.tables.scattered.fit import ALL_AT_ONCE, Predictor, relative_errors
 from brdfcore.tables.scattered.residuals import LONGEST_REACH, Residuals
 
 Float64Array = npt.NDArray[np.float64]
@@ -52,8 +52,11 @@ class HeldOut:
         return self.exact if self.gives_back else self.smooth
 
 
-def held_out(angles: Float64Array, values: Float64Array, coverage: Coverage, settings: Settings) -> HeldOut | None:
-    """Each geometry of `angles` (n, 3), `values` (n, channels) predicted from those of other parts; None if too few."""
+def held_out(predictor: Predictor, angles: Float64Array, values: Float64Array, coverage: Coverage) -> HeldOut | None:
+    """Each geometry of `angles` (n, 3), `values` (n, channels) predicted from those of other parts; None if too few.
+
+    predictor   of all of them: with one factorisation the others follow from it.
+    """
     n = len(angles)
     order = np.random.default_rng(_SEED).permutation(n)
     parts = np.array_split(order, _PARTS) if n <= ALL_AT_ONCE else [order[: min(_MOST, n // _PARTS)]]
@@ -61,17 +64,21 @@ def held_out(angles: Float64Array, values: Float64Array, coverage: Coverage, set
     lowest = min(0.0, float(values.min()))
     for part in parts:
         kept = np.setdiff1d(order, part)
-        try:
-            predictor = Predictor(angles[kept], values[kept], coverage.bilateral, coverage.in_plane, settings)
-            found = predictor.at(*angles[part].T)
-        except (np.linalg.LinAlgError, ValueError):  # fewer than the basis needs, or too regular
-            return None
         near = Coverage(angles[kept], coverage.gap, coverage.bilateral).neighbours(angles[part], _AROUND)
         around = kept[np.unique(near[1])]
-        left = values[around] - predictor.at(*angles[around].T)
+        try:
+            if predictor.radial is not None:
+                found, there = predictor.without(part, around)
+            else:
+                others = Predictor(
+                    angles[kept], values[kept], coverage.bilateral, coverage.in_plane, predictor.settings
+                )
+                found, there = others.at(*angles[part].T), others.at(*angles[around].T)
+        except (np.linalg.LinAlgError, ValueError):  # fewer than the basis needs, or too regular
+            return None
         given = found.copy()
         every = np.ones(len(around), np.bool_)
-        back = Residuals.of(angles[around], left, every, min(coverage.gap, LONGEST_REACH))
+        back = Residuals.of(angles[around], values[around] - there, every, min(coverage.gap, LONGEST_REACH))
         theta_i, theta_o, delta_phi = np.ascontiguousarray(angles[part].T)
         back.add_to(theta_i, theta_o, delta_phi, given, two_sided=not coverage.bilateral, lowest=lowest)
         rows.append(part)

@@ -187,7 +187,7 @@ class Scattered(HalfLattice):
         predictor = Predictor(points, means, bilateral, coverage.in_plane, settings)
         layout = layout_of(bilateral)
         nodes, done = nodes_of(predictor, layout, shape, coverage, values, policy, progress)
-        meet(nodes, layout, points, predictor.at(*points.T))
+        meet(nodes, layout, points, predictor.fitted(points))
         if n < len(angles):
             done.insert(0, f"{len(angles)} rows averaged into {n} geometries")
         arrays, scale, guide = lattice_arrays(nodes, layout)
@@ -198,7 +198,7 @@ class Scattered(HalfLattice):
         if progress is not None:
             progress(0, 1, "predicting each geometry from the others")
         once = Coverage(points, policy.gap, bilateral)
-        found = held_out(points, means, once, settings)
+        found = held_out(predictor, points, means, once)
         left = means - table.evaluate(*points.T)
         wanted = given_back(found, means, left)
         if wanted.any():

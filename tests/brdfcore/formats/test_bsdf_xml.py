@@ -183,6 +183,63 @@ def test_an_anisotropic_matrix_is_refused_and_averaged_on_request(tmp_path: Path
     assert any("averaged over rotation, as asked" in s for s in b.report["done"])
 
 
+def rank_4(folder: Path) -> tuple[Path, Any]:
+    """A tensor tree of one grid of 4 x 4 x 4 x 4 values, and they."""
+    path = written(bc.model("lambert", reflectance=0.5), folder / "four.xml", basis="tree", resolution=4)
+    values = np.random.default_rng(6).uniform(0.02, 0.5, (4, 4, 4, 4)).round(4)
+    text = path.read_text().replace("TensorTree3", "TensorTree4")
+    grid = "{ " + " ".join(map(repr, values.reshape(-1).tolist())) + " }"
+    for data in set(blocks(text).values()):
+        text = text.replace(data, grid)
+    path.write_text(text)
+    return path, values
+
+
+def plain_square(length: float, azimuth: float) -> tuple[float, float]:
+    """Shirley and Chiu's map of a point of the disk, one at a time."""
+    turn = (azimuth + math.pi / 4) % (2 * math.pi) - math.pi / 4
+    quarter = int((turn + math.pi / 4) / (math.pi / 2))
+    across = length * (turn - quarter * math.pi / 2) * 4 / math.pi
+    a, b = [(length, across), (-across, length), (-length, -across), (across, -length)][quarter % 4]
+    return 0.5 * (a + 1), 0.5 * (b + 1)
+
+
+def test_a_tree_of_rank_4_is_refused_and_averaged_on_request(tmp_path: Path) -> None:
+    path, values = rank_4(tmp_path)
+    with pytest.raises(FileFormatError, match="rank 4") as caught:
+        bc.read(path)
+    assert caught.value.code == "anisotropic"
+    b = bc.read(path, isotropic="mean")
+    assert b.values.shape == (2, 4, 4, 1)  # type: ignore[attr-defined]
+    said = next(s for s in b.report["done"] if "averaged over rotation, as asked" in s)
+    assert 0.1 < float(said.split("misplaces ")[1].split()[0]) < 1
+    for k, rho in enumerate((0.25, 0.75)):
+        for x, y in ((0.4, 0.6), (0.1, 0.9), (0.9, 0.4)):
+            cell = (int(4 * x), int(4 * y))
+            length, turn = (float(v) for v in disk(np.array((cell[0] + 0.5) / 4), np.array((cell[1] + 0.5) / 4)))
+            seen = []
+            for step in range(32):
+                phi = (step + 0.5) * math.pi / 16
+                place = [*plain_square(rho, phi), *plain_square(length, turn - math.pi + phi)]
+                seen.append(values[tuple(int(4 * p) for p in place)])
+            assert b.values[(k, *cell, 0)] == pytest.approx(np.mean(seen), rel=1e-12)  # type: ignore[attr-defined]
+
+
+@needs_radiance
+def test_radiance_sees_a_tree_of_rank_4_at_the_same_places(tmp_path: Path) -> None:
+    path, _ = rank_4(tmp_path)
+    b = bc.read(path, isotropic="mean")
+    theta_o = math.degrees(math.asin(0.75))
+    for theta_i, turn in ((math.degrees(math.asin(0.25)), 180.0), (math.degrees(math.asin(0.75)), 90.0)):
+        turns = (np.arange(32) + 0.5) * 11.25
+        # a cell is evaluated at its centre, this pair lies elsewhere in it
+        centre = disk(*(np.floor(4 * p) / 4 + 0.125 for p in square(np.array(0.75), np.radians(turn))))
+        pairs = [(theta_i, t, math.degrees(math.asin(float(centre[0]))), t + math.degrees(float(centre[1])))
+                 for t in turns]  # fmt: skip
+        seen = np.mean(asked(path, pairs=pairs)["pairs"])
+        assert b.evaluate(*np.radians([theta_i, theta_o, turn]))[0] == pytest.approx(seen, rel=2e-3)
+
+
 def test_a_basis_that_the_file_defines_is_believed(tmp_path: Path) -> None:
     path = written(bc.model("lambert", reflectance=0.5), tmp_path / "b.xml", basis="quarter")
     old = path.read_text().replace("45<", "46<").replace("63<", "66<")

@@ -1,0 +1,83 @@
+"""Text tables in blocks: lines such as "theta_i = 30" that stand above rows; a matrix of one polar angle by another."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from brdfcore.formats.csv.header import meaning
+
+#: Roles that a line above rows may give.
+GIVEN = ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi", "wavelength")
+_NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?"
+_PAIR = re.compile(rf"([A-Za-z][^\d=:]*?)[\s=:]+({_NUMBER})\s*(deg|degrees?|rad|radians?|nm|um|°)?", re.I)
+_LONGEST = 200
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a line above rows says: {role: number as written}, the unit of its angles, "" where it names none."""
+
+    values: dict[str, str]
+    unit: str
+
+
+def given(line: str) -> Given | None:
+    """What `line`, comment or not, gives to the rows below it; None for any other line."""
+    text = line[: _LONGEST + 1].replace("\udcc2\udcb0", "°").replace("\udcb0", "°")  # UTF-8 or Latin-1
+    text = text.strip().lstrip("#%!/* \t\"'").rstrip(" \t;,\"'")
+    if not text or not text[0].isalpha() or len(line) > _LONGEST:
+        return None
+    parts = [part.strip(" \"'") for part in re.split("[,;\t]", text)]
+    if len(parts) == 2 and re.fullmatch(_NUMBER, parts[1]):  # a spreadsheet's two cells
+        parts = [" ".join(parts)]
+    values, unit = {}, ""
+    for part in parts:
+        found = _PAIR.fullmatch(part)
+        name = meaning(found[1].strip()) if found else None
+        if found is None or name is None or name.role not in GIVEN or name.role in values:
+            return None
+        values[name.role] = found[2].replace(",", ".")
+        said = (found[3] or name.unit or "").lower()[:3]
+        if name.role != "wavelength":
+            unit = {"deg": "deg", "rad": "rad", "°": "deg"}.get(said, unit)
+    return Given(values, unit)
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A matrix below a header of angles: what its first column and its header's numbers are."""
+
+    rows: str
+    columns: str
+    angles: list[str]
+    unit: str
+
+
+def matrix(names: list[str], asked: Any) -> Matrix | None:
+    """The matrix whose header is `names`, or None.
+
+    asked   "theta_i" or "theta_o": what the header's numbers are; None: as its first cell says, which has to name a
+            polar angle, or both as "theta_o \\ theta_i", rows first.
+    """
+    if len(names) < 3:
+        return None
+    corner = [meaning(part.strip()) for part in re.split(r"[\\/|]|\bby\b|\bvs\b", names[0]) if part.strip()]
+    roles = [name.role for name in corner if name.role in ("theta_i", "theta_o")]
+    other = {"theta_i": "theta_o", "theta_o": "theta_i"}
+    if asked is None and not roles:
+        return None
+    columns = asked or (roles[1] if len(roles) > 1 else other[roles[0]])
+    angles, units = [], [name.unit for name in corner if name.unit in ("deg", "rad")]
+    for name in names[1:]:
+        found = re.fullmatch(rf"(.*?)[\s=:_]*({_NUMBER})\s*(deg|degrees?|rad|radians?|°)?", name.strip(), re.I)
+        if found is None or (found[1] and meaning(found[1]).role != columns):
+            return None
+        if asked is None and abs(float(found[2].replace(",", "."))) > 90:
+            return None
+        units += [found[3].lower()[:3].replace("°", "deg")] if found[3] else []
+        angles.append(found[2].replace(",", "."))
+    if len(set(map(float, angles))) < len(angles):
+        return None
+    return Matrix(other[columns], columns, angles, units[0] if units else "")
