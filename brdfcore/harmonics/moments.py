@@ -11,8 +11,7 @@ FFTs, and takes graded nodes too.
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -21,11 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base.brdf import Brdf
-from brdfcore.base.errors import InputError, missing_extra
+from brdfcore.base.errors import InputError
 from brdfcore.base.quadrature import gauss_legendre
 from brdfcore.harmonics.legendre import legendre, order_offset
 from brdfcore.harmonics.rules import Rule
 from brdfcore.harmonics.targets import Block, Target, blocks
+from brdfcore.kernels.machine.blas import one_blas_thread
 from brdfcore.kernels.machine.blocks import threads
 
 Float64Array = npt.NDArray[np.float64]
@@ -61,8 +61,7 @@ def moments(b: Brdf, target: Target, rule: Rule, progress: Progress | None = Non
     """Sample `b` on `rule` and project; `InputError` where a value is not finite."""
     work = _Work(b, target, rule)
     slabs = work.slabs()
-    # several slabs beside each other, each with the plain product: BLAS's own threads wait for each other, which on a
-    # busy machine takes ten times as long as the work
+    # several slabs beside each other, each with the plain product
     with one_blas_thread(), ThreadPoolExecutor(threads()) as pool:
         for done, _ in enumerate(pool.map(work.sum_over_theta_o, slabs), 1):
             if progress is not None:
@@ -76,16 +75,6 @@ def moments(b: Brdf, target: Target, rule: Rule, progress: Progress | None = Non
         rule.lmax, target, rule.bilateral, work.blocks, rho, cross, units @ work.squares[0], units @ work.squares[1],
         rule.evaluations,
     )  # fmt: skip
-
-
-@contextlib.contextmanager
-def one_blas_thread() -> Iterator[None]:
-    try:
-        from threadpoolctl import threadpool_limits
-    except ImportError as error:
-        raise missing_extra("threadpoolctl", "core", "a projection") from error
-    with threadpool_limits(limits=1, user_api="blas"):
-        yield
 
 
 class _Work:

@@ -35,9 +35,9 @@ from brdfcore.base.quadrature import gauss_legendre
 from brdfcore.harmonics.expansion import HarmonicExpansion, expanded
 from brdfcore.harmonics.legendre import checked_degree, degrees, legendre
 from brdfcore.harmonics.light import Light
-from brdfcore.harmonics.moments import one_blas_thread
 from brdfcore.harmonics.rotation import MAX_ROTATED, orders_of, swaps
 from brdfcore.harmonics.targets import TARGETS
+from brdfcore.kernels.machine.blas import one_blas_thread
 from brdfcore.kernels.machine.launch import threads
 from brdfcore.tables.base.table import Progress
 

@@ -10,13 +10,16 @@ from brdfcore.formats.base.measurements import ANISOTROPY, SAME_ANGLE, Measureme
 
 #: An albedo above this is no rounding; one below that no surface; a retro side brighter by this factor no noise.
 _ABOVE, _BELOW, _BRIGHTER = 1.0, 1e-3, 1.2
+#: Part of a total that a file states by which its table may miss it.
+_OF_TOTAL = 0.1
 #: Relative error on held-out geometries above which it is said, rad of incidence from which sides are compared.
 _HELD_OUT, _FROM = 0.1, np.radians(10)
 
 
 def doubts(m: Measurements, albedo: dict[str, Any], held_out: float | None) -> list[str]:
     """Sentences about `m`, the albedo of its table (`import_report.albedo_of`) and the held-out error, if known."""
-    return [text for text in (*_albedo(albedo), _retro(m), *_at_the_normal(m), _uncertain(held_out)) if text]
+    return [text for text in (*_albedo(albedo), _retro(m), *_at_the_normal(m), _total(m, albedo), _uncertain(held_out))
+            if text]  # fmt: skip
 
 
 def _albedo(albedo: dict[str, Any]) -> list[str]:
@@ -41,6 +44,28 @@ def _albedo(albedo: dict[str, Any]) -> list[str]:
             "1/sr (options quantity, unit, scale)?"
         )
     return said
+
+
+def _total(m: Measurements, albedo: dict[str, Any]) -> str:
+    """Where the table does not integrate to a total that the file states: the first, and how many."""
+    angles, after = np.array(albedo["theta_i"]), np.array(albedo["after"])
+    measured = np.degrees(np.array([m.theta_i.min(), m.theta_i.max()]))
+    missed = []
+    for line, stated, light in m.found.get("stated totals", ()):
+        # one for all incidences is held to the nearest that is measured
+        lights = np.linspace(*measured, 9) if light is None else np.array([light])
+        found = np.interp(lights, angles, after)
+        k = int(np.abs(found - stated).argmin())
+        if abs(found[k] - stated) > _OF_TOTAL * abs(stated):
+            missed.append((line, stated, float(found[k]), float(lights[k])))
+    if not missed:
+        return ""
+    line, stated, value, light = missed[0]
+    more = f"; so do {len(missed) - 1} more" if len(missed) > 1 else ""
+    return (
+        f"line {line} states a total of {stated:.4g}, and the table integrates to {value:.4g} at {light:.3g} degrees"
+        f"{more}: is it the same quantity (options quantity, unit, scale), and is what was measured all there is?"
+    )
 
 
 def _retro(m: Measurements) -> str:

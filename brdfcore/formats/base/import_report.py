@@ -229,10 +229,11 @@ def _covered_share(b: Brdf, coverage: Coverage, theta_i: Float64Array) -> Float6
     so: the other directions end abruptly, which no rule resolves at a price worth paying for a report."""
     shares = []
     for light in theta_i.tolist():
-        theta_o, delta_phi, weight = hemisphere_rule(light, points=6, azimuths=24, bilateral=b.bilateral)
+        theta_o, delta_phi, weight = hemisphere_rule(light, points=10, azimuths=48, bilateral=b.bilateral)
         theta_o = np.clip(theta_o, 0, HALF_PI)
         f = b.evaluate(light, theta_o, delta_phi)
         known = coverage.status(np.full(theta_o.size, light), theta_o, delta_phi) != Status.FILLED
+        weight = weight * np.cos(theta_o)
         whole = weight @ f
         part = (weight * known) @ f
         shares.append(np.divide(part, whole, out=np.ones_like(whole), where=whole != 0))

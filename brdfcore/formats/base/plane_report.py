@@ -11,7 +11,7 @@ import numpy.typing as npt
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.base.quadrature import composite
 from brdfcore.tables.scattered.fit import Predictor, Settings
-from brdfcore.tables.scattered.in_plane import Plane, misfits
+from brdfcore.tables.scattered.in_plane import Plane, misfits, not_ruled_out
 from brdfcore.tables.scattered.table import Scattered, merged
 
 Float64Array = npt.NDArray[np.float64]
@@ -19,8 +19,6 @@ Float64Array = npt.NDArray[np.float64]
 #: Panels around the mirror direction, rad, and nodes in each.
 _OFF = np.array([0.004, 0.015, 0.05, 0.15, 0.35, 0.8])
 _NODES = 8
-#: Powers p of cos cos that separate within this factor of the best, or of this misfit, are not ruled out.
-_FACTOR, _NO_BETTER = 3.0, 0.02
 
 
 def plane_report(table: Scattered, theta_i: Float64Array) -> dict[str, Any]:
@@ -35,11 +33,10 @@ def plane_report(table: Scattered, theta_i: Float64Array) -> dict[str, Any]:
     settings = table.settings
     found = misfits(points, values)
     chosen: float | str = settings.power if settings.plane != "lobe" else "lobe"
-    limit = _FACTOR * max(min(found.values()), _NO_BETTER)
-    open_ = [k for k, misfit in found.items() if misfit <= limit or k == chosen]
-    powers = [k for k in open_ if not isinstance(k, str)]
-    tried: set[float | str] = {chosen, *(k for k in open_ if k == "lobe")}
-    tried |= {min(powers), max(powers)} if powers else set()
+    chosen_plane = Plane(settings.plane, settings.power)
+    tried: set[float | str] = {
+        "lobe" if plane.name == "lobe" else plane.power for plane in not_ruled_out(found, chosen_plane)
+    }
     named: dict[float | str, str] = {0.0: "f", 1.0: "f_cos_cos", "lobe": "lobe"}
     shown = {k: _albedo(_predictor(points, values, settings, k), theta_i) for k in sorted({*named, *tried}, key=str)}
     order = np.lexsort((_signed(points), points[:, 0]))
@@ -51,7 +48,7 @@ def plane_report(table: Scattered, theta_i: Float64Array) -> dict[str, Any]:
     coarse = np.mean([np.abs(half - shown[chosen]) for half in halves], axis=0) if halves else 0.0
     span = np.array([shown[kind] for kind in tried])
     return {
-        "assumed": Plane(settings.plane, settings.power)._asdict(),
+        "assumed": chosen_plane._asdict(),
         "theta_i": np.degrees(theta_i).round(3).tolist(),
         "albedo": _short(shown[chosen]),
         "lowest": _short(np.maximum(span.min(axis=0) - coarse, 0)),

@@ -12,6 +12,7 @@ from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import Parameter, resolve
 from brdfcore.formats.base.import_report import report_of
 from brdfcore.formats.base.measurements import Measurements
+from brdfcore.kernels.machine.blas import one_blas_thread
 from brdfcore.tables.scattered.lattice import Policy
 from brdfcore.tables.scattered.table import Scattered
 
@@ -76,6 +77,11 @@ def to_brdf(measurements: Measurements, **options: Any) -> Brdf:
 
     Raises `InputError` for an option out of range, or too few geometries.
     """
+    with one_blas_thread():
+        return _regridded(measurements, options)
+
+
+def _regridded(measurements: Measurements, options: dict[str, Any]) -> Brdf:
     chosen = resolve("measurements", POLICIES, options)
     done = list(measurements.done)
     kept = measurements

@@ -1,4 +1,5 @@
-"""Text tables in blocks: lines such as "theta_i = 30" that stand above rows; a matrix of one polar angle by another."""
+"""What stands around the rows of a text table: lines such as "theta_i = 30" above a block of rows, a total that the
+file states, the header of a matrix of one polar angle by another."""
 
 from __future__ import annotations
 
@@ -12,6 +13,11 @@ from brdfcore.formats.csv.header import meaning
 GIVEN = ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi", "wavelength")
 _NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?"
 _PAIR = re.compile(rf"([A-Za-z][^\d=:]*?)[\s=:]+({_NUMBER})\s*(deg|degrees?|rad|radians?|nm|um|°)?", re.I)
+_TOTAL = re.compile(
+    r"(?:TIS|DHR|albedo|total (?:integrated )?(?:scatter(?:ing|ed)?|reflectance|reflectivity)|"
+    rf"(?:directional[- ])?hemispherical reflectance)\b[^=:]{{0,40}}[=:]\s*({_NUMBER})\s*(%|percent)?"
+    rf"(?:\s*(?:at|@)\s*({_NUMBER})\s*(?:deg|degrees?|°)?)?", re.I
+)  # fmt: skip
 _LONGEST = 200
 
 
@@ -25,9 +31,8 @@ class Given:
 
 def given(line: str) -> Given | None:
     """What `line`, comment or not, gives to the rows below it; None for any other line."""
-    text = line[: _LONGEST + 1].replace("\udcc2\udcb0", "°").replace("\udcb0", "°")  # UTF-8 or Latin-1
-    text = text.strip().lstrip("#%!/* \t\"'").rstrip(" \t;,\"'")
-    if not text or not text[0].isalpha() or len(line) > _LONGEST:
+    text = _words(line)
+    if not text:
         return None
     parts = [part.strip(" \"'") for part in re.split("[,;\t]", text)]
     if len(parts) == 2 and re.fullmatch(_NUMBER, parts[1]):  # a spreadsheet's two cells
@@ -43,6 +48,34 @@ def given(line: str) -> Given | None:
         if name.role != "wavelength":
             unit = {"deg": "deg", "rad": "rad", "°": "deg"}.get(said, unit)
     return Given(values, unit)
+
+
+@dataclass(frozen=True)
+class Total:
+    """A total reflectance that a line states, and the incidence in degrees that it or a line above it names."""
+
+    value: float
+    theta_i: float | None
+
+
+def total(line: str) -> Total | None:
+    """What `line`, comment or not, states as the total; None for any other line."""
+    found = _TOTAL.fullmatch(_words(line))
+    if found is None:
+        return None
+    value = float(found[1].replace(",", "."))
+    # as a number above 1.5 it can only be percent
+    value *= 0.01 if found[2] or value > 1.5 else 1
+    return Total(value, float(found[3].replace(",", ".")) if found[3] else None)
+
+
+def _words(line: str) -> str:
+    """The text of a short line that begins with a letter, without the marks of a comment; "" of any other."""
+    if len(line) > _LONGEST:
+        return ""
+    text = line.replace("\udcc2\udcb0", "°").replace("\udcb0", "°")  # UTF-8 or Latin-1
+    text = text.strip().lstrip("#%!/* \t\"'").rstrip(" \t;,\"'")
+    return text if text[:1].isalpha() else ""
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ class Columns:
     in_plane     whether there is no azimuth: theta_o > 0 lies on the mirror side, theta_o < 0 on the light's.
     turned       "" for columns of polar angles and azimuths; "half and difference angles" or "vectors", made these.
     done         sentences about that.
+    totals       (line, total reflectance that it states, theta_i in degrees or None).
     wavelength_unit   that the header of the wavelength column names, "" without.
     before       lines before the header.
     """
@@ -56,6 +57,7 @@ class Columns:
     spread_places: list[int]
     turned: str = ""
     done: tuple[str, ...] = ()
+    totals: tuple[tuple[int, float, float | None], ...] = ()
 
     @property
     def width(self) -> int:
@@ -129,13 +131,18 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
             )
     table, numbers = _numbers(text, rows, places, spread, values)
     _counted(text, comments, len(table))
+    unit = str(chosen["angles"] or said.unit)
+    totals = []
+    for line, total, block in rows.totals:
+        of_block = float(block) * (1 if unit == "deg" else 180 / np.pi) if block else None
+        totals.append((line, total.value, of_block if total.theta_i is None else total.theta_i))
     read = Columns(
         table=table,
         numbers=numbers,
         places=places,
         value_places=values,
         names=header,
-        angles=str(chosen["angles"] or said.unit),
+        angles=unit,
         mirror=0.0 if in_plane else 180.0 if chosen["mirror"] is None or kind else float(chosen["mirror"]),
         quantity=str(chosen["quantity"] or said.quantity or "f"),
         own_header=all(chosen[k] is None for k in ("angles", "mirror", "quantity", "value", *_OPTIONS)),
@@ -147,6 +154,7 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
         header_line=rows.line,
         title=printable(comments[0])[:200] if comments else "",
         spread_places=spread,
+        totals=tuple(totals),
     )  # fmt: skip
     return _turned(text, read, kind) if kind else read
 

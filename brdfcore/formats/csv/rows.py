@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from brdfcore.formats.base.text_rows import MAX_NUMBERS, TextFile, printable
-from brdfcore.formats.csv.blocks import Given, Matrix, given, matrix
+from brdfcore.formats.csv.blocks import Given, Matrix, Total, given, matrix, total
 from brdfcore.formats.csv.header import meaning
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "": "blanks"}
@@ -17,6 +17,8 @@ SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "": "blanks"}
 BLANK = frozenset({"", "-", "--", "---", "n/a", "na", "#n/a", "null", "none", "nan", "."})
 #: Lines that may stand before the header, and cells of a row.
 _BEFORE, MAX_COLUMNS = 200, 4_096
+#: Stated totals that are kept.
+_MOST_TOTALS = 200
 #: Characters among which the table's begin is looked for, and what a name of a polar angle has in it.
 _LOOKED_AT = 200_000
 _HINT = re.compile("theta|angle|aoi|incidence|w[io][._ ]?x|light", re.I)
@@ -34,6 +36,7 @@ class Rows:
     comment        names in the last comment before the rows, where there are as many as columns.
     given          {role: number of each row} that lines above blocks of rows give, and the unit of these angles.
     values         indices of columns that hold values though their names don't say so: of a matrix.
+    totals         (line, what it states, theta_i of its block as written) of lines that state a total.
     """
 
     separator: str
@@ -47,6 +50,7 @@ class Rows:
     given: dict[str, list[str]] = field(default_factory=dict)
     given_unit: str = ""
     values: tuple[int, ...] = ()
+    totals: tuple[tuple[int, Total, str], ...] = ()
 
     def split(self, text: str) -> list[str]:
         """The cells of a row; empty ones beyond the width are separators that a spreadsheet left behind."""
@@ -75,7 +79,8 @@ def rows_of(text: TextFile, asked: Any = None) -> Rows:
     """Find the table in a file; `FileFormatError` where there is none. `asked`: of a matrix, see `blocks.matrix`."""
     above = {k + 1: found for k, line in enumerate(text.lines) if (found := given(line)) is not None}
     lines = [(k + 1, line.partition("#")[0].rstrip(" ").lstrip(" ")) for k, line in enumerate(text.lines)]
-    lines = [(number, line) for number, line in lines if line.strip(" \t;,") and number not in above]
+    totals = {k + 1: found for k, line in enumerate(text.lines) if (found := total(line)) is not None}
+    lines = [(n, line) for n, line in lines if line.strip(" \t;,") and n not in above and n not in totals]
     if not lines:
         raise text.bad(len(text.lines), "rows", "no rows", "rows of numbers")
     roles = {role for found in above.values() for role in found.values}
@@ -103,11 +108,22 @@ def rows_of(text: TextFile, asked: Any = None) -> Rows:
         if named:  # a block may repeat the header
             table = replace(table, body=[(n, line) for n, line in body if _trimmed(cells(line, separator)) != names])
         table = _with_given(table, above)
+    if totals:
+        table = replace(table, totals=_of_blocks(totals, above))
     shape = matrix(named, asked) if named else None
     if shape is None and asked is not None:
         raise text.bad(lines[at][0], "matrix", f"matrix={asked}, and no header of a name and angles above rows",
                        "such a header")  # fmt: skip
     return table if shape is None else _melted(text, table, shape)
+
+
+def _of_blocks(totals: dict[int, Total], above: dict[int, Given]) -> tuple[tuple[int, Total, str], ...]:
+    """Each total with the incidence that the last line above it gives, "" without."""
+    found = []
+    for number, what in totals.items():
+        before = [n for n, line in above.items() if n < number and "theta_i" in line.values]
+        found.append((number, what, above[max(before)].values["theta_i"] if before else ""))
+    return tuple(found[:_MOST_TOTALS])
 
 
 def _with_given(table: Rows, above: dict[int, Given]) -> Rows:

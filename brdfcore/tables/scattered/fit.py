@@ -13,6 +13,7 @@ Interpolation: `tables.scattered.radial`, and of many measurements from the near
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -21,7 +22,7 @@ import numpy.typing as npt
 
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.tables.scattered.coverage import sideways
-from brdfcore.tables.scattered.in_plane import assumption, off_mirror
+from brdfcore.tables.scattered.in_plane import Plane, assumption, misfits, not_ruled_out, off_mirror
 from brdfcore.tables.scattered.radial import Radial
 
 Float64Array = npt.NDArray[np.float64]
@@ -259,6 +260,24 @@ def choose(
             if found[0] < _BETTER * least[0]:
                 best, least = candidate, found
     return (best, least[1]) if np.isfinite(least[0]) else (robust, float("nan"))
+
+
+def assumptions_apart(
+    angles: Float64Array, values: Float64Array, settings: Settings
+) -> Callable[[Float64Array], Float64Array]:
+    """Of measurements in the plane of incidence: how far f is from that of any other assumption which they do not rule
+    out, at angles (n, 3), relative to |f|, the channels' mean, (n,)."""
+    mean = values.mean(axis=1, keepdims=True)
+    chosen = Predictor(angles, mean, True, True, settings)
+    open_ = not_ruled_out(misfits(angles, values), Plane(settings.plane, settings.power))
+    others = [Predictor(angles, mean, True, True, replace(settings, plane=p.name, power=p.power)) for p in open_]
+
+    def apart(places: Float64Array) -> Float64Array:
+        own = chosen.at(*places.T)[:, 0]
+        far = np.max([np.abs(other.at(*places.T)[:, 0] - own) for other in others], axis=0)
+        return np.asarray(far / (np.abs(own) + 0.01 * chosen.floor))
+
+    return apart
 
 
 def relative_errors(truth: Float64Array, predicted: Float64Array) -> Float64Array:

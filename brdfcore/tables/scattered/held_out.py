@@ -5,6 +5,7 @@ From it follow whether what a fit leaves of measurements is given back (`residua
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,11 +95,11 @@ def held_out(predictor: Predictor, angles: Float64Array, values: Float64Array, c
 def given_back(found: HeldOut | None, values: Float64Array, left: Float64Array) -> npt.NDArray[np.bool_]:
     """Which geometries get back what the lattice left of them, (n,): `left` (n, channels) of `values`.
 
-    Those that are off in any channel, where predictions of what was held out do not suffer by it; else, the residuals
-    being noise, only those that are beyond it.
+    All that are off in any channel, where predictions of what was held out do not suffer by it: the file's values then
+    come back to rounding. Else, the residuals being noise, only those that are beyond it.
     """
     if found is not None and found.gives_back:
-        return np.asarray((np.abs(left) > 0.1 * OFF * np.abs(values)).any(axis=1))
+        return np.asarray((left != 0).any(axis=1))
     off = np.abs(left).sum(axis=1) / np.maximum(np.abs(values).sum(axis=1), 1e-300)
     return np.asarray(off > max(OFF, _BEYOND_NOISE * _DEVIATION * float(np.median(off))))
 
@@ -110,12 +111,14 @@ def half_widths(
     coverage: Coverage,
     nbytes: int,
     instrument: Float64Array | None,
+    apart: Callable[[Float64Array], Float64Array] | None = None,
 ) -> LocalError:
     """Half-widths by cell from the errors of its nearest geometries, larger the farther they are than those were.
 
     values      (rows, channels) of the file, repeats as they are: the noise of one row is part of its error
     group       (rows,) number of its geometry, of `coverage`
     instrument  (geometries, channels) half-widths that the file states, added in squares
+    apart       how far what may be assumed is apart at angles (n, 3), relative to |f|, (n,), added in squares
     """
     predicted = found.predicted
     place = np.full(len(coverage.angles), -1)
@@ -164,7 +167,12 @@ def half_widths(
     for middle in 0.5 * (EDGES[1:] + EDGES[:-1]):
         nearest = np.argsort(np.abs(at[row, 0] - middle), kind="stable")[:_CALIBRATE]
         factor.append(quantile(ratio[nearest].reshape(1, -1, 1), HELD_LEVEL).item())
-    if instrument is None:
-        return calibrated(learnt, np.asarray(factor), cell, None)
-    stated = instrument[found.rows] / (np.abs(predicted) + floors) / factors
-    return calibrated(learnt, np.asarray(factor), cell, stated[known.nearest(*places.T)])
+    own: Float64Array | None = None
+    if instrument is not None:
+        stated = instrument[found.rows] / (np.abs(predicted) + floors) / factors
+        own = stated[known.nearest(*places.T)]
+    if apart is not None:  # of whole cells: what was measured in one says nothing of its other azimuths
+        cell = np.repeat(np.arange(c.count), _EACH)
+        stated_there = 0.0 if instrument is None else stated[known.nearest(*drawn.T)]
+        own = np.hypot(stated_there, apart(drawn)[:, None] / factors)
+    return calibrated(learnt, np.asarray(factor), cell, own)

@@ -23,6 +23,8 @@ Float64Array = npt.NDArray[np.float64]
 ASSUMED = ("f", "f_cos_cos", "power", "lobe")
 #: Powers p that are tried; the lobe has to separate this much better, since less follows from physics.
 _POWERS, _BETTER = tuple(k / 20 for k in range(21)), 0.7
+#: Assumptions that separate within this factor of the best, or of this misfit, are not ruled out.
+_FACTOR, _NO_BETTER = 3.0, 0.02
 #: Knots of the two functions of a product; share of the largest value below which the logarithm tells of noise.
 _KNOTS, _LEAST = (14, 6), 1e-5
 
@@ -69,6 +71,16 @@ def misfits(angles: Float64Array, values: Float64Array) -> dict[float | str, flo
     found: dict[float | str, float] = {p: _misfit(log + p * cosines, *halves, weight) for p in _POWERS}
     found["lobe"] = _misfit(log, 0.5 * off_mirror(theta_i, theta_o, delta_phi), theta_i, weight)
     return found
+
+
+def not_ruled_out(found: dict[float | str, float], chosen: Plane) -> list[Plane]:
+    """Of `misfits`, the assumptions that the measurements leave open: `chosen`, the lobe and the outermost powers."""
+    own: float | str = "lobe" if chosen.name == "lobe" else chosen.power
+    limit = _FACTOR * max(min(found.values()), _NO_BETTER)
+    open_ = {k for k, misfit in found.items() if misfit <= limit} | {own}
+    powers = [k for k in open_ if not isinstance(k, str)]
+    tried = {own, *(k for k in open_ if k == "lobe"), *((min(powers), max(powers)) if powers else ())}
+    return [Plane("lobe", 0.0) if isinstance(k, str) else Plane("power", k) for k in sorted(tried, key=str)]
 
 
 def _misfit(log: Float64Array, lobe: Float64Array, level: Float64Array, weight: Float64Array) -> float:

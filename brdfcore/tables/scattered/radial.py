@@ -20,10 +20,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from brdfcore.kernels.machine.blocks import threads
+
 Float64Array = npt.NDArray[np.float64]
 
-#: Distances in hand at a time, which stay in a core's cache, and threads that work on them.
-_CHUNK, _THREADS = 100_000, 2
+#: Distances that one thread has in hand at a time: they stay in its cache.
+_CHUNK = 250_000
 #: Terms of the polynomial that differ by less than this, relative, don't differ.
 _ALIKE = 1e-9
 
@@ -100,8 +102,13 @@ class Radial:
             self._phi(phi)
             use(slice(start, start + step), phi)
 
-        with ThreadPoolExecutor(_THREADS) as pool:
-            list(pool.map(rows, range(0, len(points), step)))
+        starts = range(0, len(points), step)
+        if len(starts) < 2 or threads() == 1:
+            for start in starts:
+                rows(start)
+            return
+        with ThreadPoolExecutor(threads()) as pool:
+            list(pool.map(rows, starts))
 
     def __call__(self, points: Float64Array) -> Float64Array:
         """s at `points` (m, d), (m, channels)."""

@@ -19,7 +19,7 @@ from brdfcore.metrics import measured_flags
 from brdfcore.tables.base.half_lattice import HalfLattice, lattice_arrays
 from brdfcore.tables.base.table import BuildOptions, Progress
 from brdfcore.tables.scattered.coverage import Coverage
-from brdfcore.tables.scattered.fit import Predictor, Settings, choose
+from brdfcore.tables.scattered.fit import Predictor, Settings, assumptions_apart, choose
 from brdfcore.tables.scattered.held_out import OFF, given_back, half_widths, held_out
 from brdfcore.tables.scattered.lattice import Policy, lattice_shape, layout_of, meet, nodes_of
 from brdfcore.tables.scattered.residuals import LONGEST_REACH, Residuals
@@ -204,7 +204,8 @@ class Scattered(HalfLattice):
         if wanted.any():
             table._keep(*rows, policy, settings, Residuals.of(points, left, wanted, min(policy.gap, LONGEST_REACH)))
         if found is not None:
-            table.local_error = half_widths(found, values, group, once, table.nbytes, instrument)
+            apart = assumptions_apart(points, means, settings) if coverage.in_plane else None
+            table.local_error = half_widths(found, values, group, once, table.nbytes, instrument, apart)
         measured = measured_flags(table)
         table.reciprocal, table.energy_conserving = measured["reciprocal"], measured["energy_conserving"]
         table.non_negative = bool((arrays["values"] >= 0).all())

@@ -167,3 +167,32 @@ def test_vectors(names: str, travel: int, tmp_path: Path) -> None:
     assert any("in which light travels" in s for s in m.done) == (travel < 0)
     with pytest.raises(bc.FileFormatError, match="a vector of length 2"):
         rows_of(wrote(tmp_path, f"{names},BRDF\n{body}0,0,{2 * travel},0,0,1,1\n"), **options)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("TIS = 0.5", ""),
+        ("# total reflectance: 50 % at 10 deg", ""),
+        ("TIS = 0.25", "line 1 states a total of 0.25, and the table integrates to 0.5"),
+        ("Hemispherical reflectance (8/d): 80", "line 1 states a total of 0.8"),
+    ],
+)
+def test_a_total_that_the_file_states(line: str, said: str, tmp_path: Path) -> None:
+    rows = [f"{i},{o},{d},{0.5 / np.pi!r}" for i in (0, 30, 60) for o in (0, 30, 60, 80) for d in (0, 90, 180)]
+    path = wrote(tmp_path, "\n".join([line, "theta_i,theta_o,delta_phi,f_r", *rows, ""]))
+    warned = bc.read(path, angles="deg", shape="[8,6,6]").report["warnings"]
+    assert (
+        [text for text in warned if "states a total" in text and said in text]
+        if said
+        else not any("total" in text for text in warned)
+    )
+
+
+def test_a_total_of_each_block(tmp_path: Path) -> None:
+    text = "theta_o,delta_phi,f_r\n"
+    for i, stated in ((10, 0.5), (50, 0.3)):
+        text += f"theta_i = {i}\nTIS = {stated}\n"
+        text += "".join(f"{o},{d},{0.5 / np.pi!r}\n" for o in (0, 30, 60, 80) for d in (0, 90, 180))
+    warned = bc.read(wrote(tmp_path, text), angles="deg", shape="[8,6,6]").report["warnings"]
+    assert any("line 17 states a total of 0.3, and the table integrates to 0.5 at 50 degrees:" in t for t in warned)
