@@ -49,11 +49,11 @@ def _albedo(albedo: dict[str, Any]) -> list[str]:
 def _total(m: Measurements, albedo: dict[str, Any]) -> str:
     """Where the table does not integrate to a total that the file states: the first, and how many."""
     angles, after = np.array(albedo["theta_i"]), np.array(albedo["after"])
-    measured = np.degrees(np.array([m.theta_i.min(), m.theta_i.max()]))
+    lowest, highest = float(np.degrees(m.theta_i.min())), float(np.degrees(m.theta_i.max()))
     missed = []
     for line, stated, light in m.found.get("stated totals", ()):
         # one for all incidences is held to the nearest that is measured
-        lights = np.linspace(*measured, 9) if light is None else np.array([light])
+        lights = np.linspace(lowest, highest, 9) if light is None else np.array([light])
         found = np.interp(lights, angles, after)
         k = int(np.abs(found - stated).argmin())
         if abs(found[k] - stated) > _OF_TOTAL * abs(stated):

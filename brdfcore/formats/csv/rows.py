@@ -79,7 +79,7 @@ def rows_of(text: TextFile, asked: Any = None) -> Rows:
     """Find the table in a file; `FileFormatError` where there is none. `asked`: of a matrix, see `blocks.matrix`."""
     above = {k + 1: found for k, line in enumerate(text.lines) if (found := given(line)) is not None}
     lines = [(k + 1, line.partition("#")[0].rstrip(" ").lstrip(" ")) for k, line in enumerate(text.lines)]
-    totals = {k + 1: found for k, line in enumerate(text.lines) if (found := total(line)) is not None}
+    totals = {k + 1: what for k, line in enumerate(text.lines) if (what := total(line)) is not None}
     lines = [(n, line) for n, line in lines if line.strip(" \t;,") and n not in above and n not in totals]
     if not lines:
         raise text.bad(len(text.lines), "rows", "no rows", "rows of numbers")
