@@ -93,9 +93,15 @@ def _nested(value: Any) -> bool:
 
 
 def _pairs(values: Mapping[str, Any]) -> str:
-    return "; ".join(
-        f"{k}: {' to '.join(map(_fact, v)) if isinstance(v, (list, tuple)) else _fact(v)}" for k, v in values.items()
-    )
+    """Names with their values; of two numbers a range, of whole numbers a shape."""
+
+    def shown(value: Any) -> str:
+        if not isinstance(value, (list, tuple)):
+            return _fact(value)
+        whole = all(isinstance(x, int) for x in value)
+        return (" x " if whole else " to ").join(map(_fact, value))
+
+    return "; ".join(f"{k}: {shown(v)}" for k, v in values.items())
 
 
 def _empty(value: Any) -> bool:

@@ -49,5 +49,6 @@ def anisotropic(file: str, field: str, spread: float | str, evidence: str, **con
         field=field,
         got=spread,
         hint="isotropic='mean'",
+        options="isotropic=mean",
         **context,
     )

@@ -188,8 +188,9 @@ def _turned(text: TextFile, read: Columns, kind: str) -> Columns:
 
 def _not_clear(text: TextFile, rows: Rows, missing: list[str]) -> FileFormatError:
     """The same words wherever a file is read: what lacks, the columns there are, how to name one."""
-    names = rows.names or rows.comment
+    names = [f'"{name}"' if re.search("[,;]", name) else name for name in rows.names or rows.comment]
     listed = (", ".join(names) if names else f"{rows.width} without names")[:400]
+    one_of_each = ",".join(re.split("[ ,]", part.partition(" or delta_phi")[0])[0] for part in missing)
     return FileFormatError(
         "columns_not_clear",
         f"{text.name}: line {rows.line}: the header does not say everything; pass {', '.join(missing)}. "
@@ -199,6 +200,7 @@ def _not_clear(text: TextFile, rows: Rows, missing: list[str]) -> FileFormatErro
         line=rows.line,
         field=missing[0].partition("=")[0],
         expected=", ".join(missing),
+        options=one_of_each,
     )
 
 

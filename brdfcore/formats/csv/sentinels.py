@@ -12,6 +12,8 @@ from brdfcore.base.errors import InputError
 #: What is taken for such a mark. A negative one has to stand apart from the noise, a positive one from the signal.
 _KNOWN = (-99.0, -999.0, -9_999.0, -99_999.0, -999.9, -9_999.9, -1e30, -1e34, 999.0, 9_999.0, 99_999.0, 1e30, 1e34)
 _APART = 4.0
+#: Part of the median below which a value comes near 0.
+_NEAR = 0.1
 
 
 def find(values: npt.NDArray[np.float64], asked: str) -> dict[float, int]:
@@ -44,6 +46,17 @@ def find(values: npt.NDArray[np.float64], asked: str) -> dict[float, int]:
     if (flat == -1).any() and (not rest.size or float(rest.min()) > -0.25):
         kept[-1.0] = int((flat == -1).sum())
     return kept
+
+
+def zeros_apart(values: npt.NDArray[np.float64]) -> int:
+    """Rows of `values` (n, channels) that are exactly 0 in every channel though no other value comes near it: below a
+    tenth of the median. Instruments write 0 too where the detector stands before the lamp."""
+    size = np.abs(values[np.isfinite(values).all(axis=1)])
+    zero = (size == 0).all(axis=1)
+    rest = size[~zero]
+    if not zero.any() or not rest.size or float(rest.min()) < _NEAR * float(np.median(rest)):
+        return 0
+    return int(zero.sum())
 
 
 def _marks(asked: str) -> list[float]:

@@ -82,4 +82,10 @@ def values_of(text: TextFile, columns: Columns, chosen: dict[str, Any]) -> Value
         found.values = raw / np.pi if columns.quantity == "pi_f" and factor == 1 / np.pi else raw * factor
     found.rows, found.values = rows[kept], found.values[kept]
     found.factor = np.abs(factor / cosine[kept])[:, None]
+    zeros = sentinels.zeros_apart(found.values)
+    if zeros:
+        found.warnings.append(
+            f"{zeros} of {len(found.values)} rows are exactly 0, and no other value is below a tenth of the median: was "
+            "nothing measured there, as where the detector shades the light? sentinel=0 leaves them out"
+        )
     return found

@@ -11,6 +11,7 @@ import pytest
 
 import brdfcore as bc
 from brdfcore.base.parameters import resolve
+from brdfcore.base.quadrature import hemisphere_rule
 from brdfcore.formats.base.measurements import Measurements
 from brdfcore.formats.csv import format as csv_file
 from brdfcore.formats.csv import sentinels
@@ -146,6 +147,19 @@ def test_options_tell_a_file_that_nothing_else_does(tmp_path: Path) -> None:
 )
 def test_sentinels_stand_apart(values: list[float], asked: str, marks: dict[float, int]) -> None:
     assert sentinels.find(np.array(values, float), asked) == marks
+
+
+def test_zeros_that_stand_apart_are_named_and_kept(tmp_path: Path) -> None:
+    lines = text_of().split("\n")
+    for k in (3, 7):
+        lines[k] = lines[k].rsplit(",", 1)[0] + ",0"
+    path = wrote(tmp_path, "\n".join(lines))
+    m = rows_of(path, **GIVEN)
+    assert len(m) == len(TABLE)
+    assert any("2 of 12 rows are exactly 0" in text and "sentinel=0" in text for text in m.warnings)
+    assert len(rows_of(path, **GIVEN, sentinel="0")) == len(TABLE) - 2
+    lines[8] = lines[8].rsplit(",", 1)[0] + ",0.001"  # a small value beside them: what the instrument resolves
+    assert not rows_of(wrote(tmp_path, "\n".join(lines)), **GIVEN).warnings
 
 
 @pytest.mark.parametrize("mark", ["-9999", "-1", "999", "--", "", "n/a", "NaN"])
@@ -293,6 +307,21 @@ def test_albedo_of_a_scan_in_the_plane(roughness: float, step: float, tmp_path: 
     assert any("only the plane of incidence was measured" in text for text in b.report["warnings"])
     codes = b.status(np.radians(40.0), np.radians([40.0, 40.0]), np.radians([60.0, 120.0]))
     assert set(codes.tolist()) <= {bc.Status.EXTRAPOLATED, bc.Status.FILLED}
+
+
+@pytest.mark.slow
+def test_what_may_be_assumed_is_part_of_the_uncertainty(tmp_path: Path) -> None:
+    """Truth known: the albedo's error lies within the integral of the half-widths, which grow out of the plane."""
+    metal = bc.model("ggx", roughness=0.15, ior=(1.2, 7.0))
+    b = bc.read(scanned(tmp_path, metal, 4.0), angles="deg", shape="[40,16,12]")
+    for theta_i in np.radians([0.0, 30.0, 60.0, 75.0]):
+        theta_o, turn, weight = hemisphere_rule(float(theta_i), bilateral=True)
+        weight = weight * np.cos(theta_o)
+        f, true, u = (g(theta_i, theta_o, turn)[:, 0] for g in (b.evaluate, metal.evaluate, b.uncertainty))
+        assert abs(weight @ (f - true)) <= weight @ u
+    at = np.radians(60.0), np.radians(60.0)
+    there = b.uncertainty(*at, np.radians([180.0, 120.0]))[:, 0] / b.evaluate(*at, np.radians([180.0, 120.0]))[:, 0]
+    assert there[1] > 2 * there[0]
 
 
 def test_a_diffuse_scan_keeps_its_value(tmp_path: Path) -> None:
