@@ -85,7 +85,7 @@ def values_of(text: TextFile, columns: Columns, chosen: dict[str, Any]) -> Value
     zeros = sentinels.zeros_apart(found.values)
     if zeros:
         found.warnings.append(
-            f"{zeros} of {len(found.values)} rows are exactly 0, and no other value is below a tenth of the median: was "
-            "nothing measured there, as where the detector shades the light? sentinel=0 leaves them out"
+            f"{zeros} of {len(found.values)} rows are exactly 0, and no other value is below a tenth of the median: "
+            "was nothing measured there, as where the detector shades the light? sentinel=0 leaves them out"
         )
     return found
