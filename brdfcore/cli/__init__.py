@@ -81,8 +81,8 @@ def _fail(error: Exception, as_json: bool) -> int:
         _write_json(known.code, known.detail, known.context)
     else:
         print(f"error: {known.detail}", file=sys.stderr)
-        if {"options", "file"} <= set(known.context):
-            file, options = known.context["file"], known.context["options"]
+        if "options" in known.context:
+            file, options = known.context.get("file", "FILE"), known.context["options"]
             print(f"options stand behind the file's name, as in '{file}:{options}'", file=sys.stderr)
     return (
         FAILED if isinstance(known, (FileFormatError, StorageError, MissingExtraError)) or known is not error else USAGE

@@ -19,6 +19,7 @@ _TOTAL = re.compile(
     rf"(?:\s*(?:at|@)\s*({_NUMBER})\s*(?:deg|degrees?|°)?)?", re.I
 )  # fmt: skip
 _LONGEST = 200
+_ANGLE = re.compile("theta|angle|aoi|inc|@", re.I)
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,11 @@ class Matrix:
     angles: list[str]
     unit: str
 
+    @property
+    def turned(self) -> Matrix:
+        """With rows and columns the other way round."""
+        return Matrix(self.columns, self.rows, self.angles, self.unit)
+
 
 def matrix(names: list[str], asked: Any) -> Matrix | None:
     """The matrix whose header is `names`, or None.
@@ -104,8 +110,11 @@ def matrix(names: list[str], asked: Any) -> Matrix | None:
     columns = asked or (roles[1] if len(roles) > 1 else other[roles[0]])
     angles, units = [], [name.unit for name in corner if name.unit in ("deg", "rad")]
     for name in names[1:]:
-        found = re.fullmatch(rf"(.*?)[\s=:_]*({_NUMBER})\s*(deg|degrees?|rad|radians?|°)?", name.strip(), re.I)
-        if found is None or (found[1] and meaning(found[1]).role != columns):
+        found = re.fullmatch(rf"(.*?)[\s=:_(\[]*({_NUMBER})\s*(deg|degrees?|rad|radians?|°)?[)\]]?", name.strip(), re.I)
+        if found is None:
+            return None
+        # "AOI 10", "BRDF@10"; of "sample 1" nobody says that it is an angle
+        if found[1] and asked is None and not _ANGLE.search(found[1]):
             return None
         if asked is None and abs(float(found[2].replace(",", "."))) > 90:
             return None

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from brdfcore.base.errors import FileFormatError
 from brdfcore.formats.base.text_rows import MAX_NUMBERS, TextFile, printable
 from brdfcore.formats.csv.geometry import HALF, VECTORS, from_half, from_vectors
-from brdfcore.formats.csv.header import meaning
+from brdfcore.formats.csv.header import meaning, wavelengths
 from brdfcore.formats.csv.rows import BLANK, SEPARATORS, Rows, rows_of
 
 #: Roles of columns that hold one number a row.
@@ -190,11 +190,13 @@ def _not_clear(text: TextFile, rows: Rows, missing: list[str]) -> FileFormatErro
     """The same words wherever a file is read: what lacks, the columns there are, how to name one."""
     names = [f'"{name}"' if re.search("[,;]", name) else name for name in rows.names or rows.comment]
     listed = (", ".join(names) if names else f"{rows.width} without names")[:400]
+    numbers = sum(bool(re.fullmatch(r"[-+]?[\d.]+", name)) for name in names)
+    like_a_matrix = "; a matrix is read with matrix=theta_i, what its header's numbers are" if numbers > 1 else ""
     one_of_each = ",".join(re.split("[ ,]", part.partition(" or delta_phi")[0])[0] for part in missing)
     return FileFormatError(
         "columns_not_clear",
         f"{text.name}: line {rows.line}: the header does not say everything; pass {', '.join(missing)}. "
-        f"Columns: {listed}. COLUMN is a name, or a number from 1 to {rows.width}, of these",
+        f"Columns: {listed}. COLUMN is a name, or a number from 1 to {rows.width}, of these{like_a_matrix}",
         where=missing[0].partition("=")[0],
         file=text.name,
         line=rows.line,
@@ -263,6 +265,9 @@ def _placed(text: TextFile, rows: Rows, said: _Said, chosen: dict[str, Any]) -> 
             places[role] = rows.width + k
     if chosen["value"] is None:
         values = [k for k in rows.values or said.values if k not in taken]
+        rest = [k for k in range(len(rows.names)) if k not in (*taken, *places.values())]
+        if not values and rest and wavelengths([rows.names[k] for k in rest]) is not None:
+            values = rest  # a wavelength a column, without its unit
     if chosen["wavelength"] is None and len(values) != 1:
         places.pop("wavelength", None)  # a column a wavelength: another one says nothing of them
     if "delta_phi" in places and "phi_o" in places:  # one says all; delta_phi is what the look-up takes

@@ -114,7 +114,14 @@ def rows_of(text: TextFile, asked: Any = None) -> Rows:
     if shape is None and asked is not None:
         raise text.bad(lines[at][0], "matrix", f"matrix={asked}, and no header of a name and angles above rows",
                        "such a header")  # fmt: skip
-    return table if shape is None else _melted(text, table, shape)
+    if shape is None:
+        return table
+    if asked is None:  # the first cell may name the header's numbers; only viewers have angles of both signs
+        header = any(angle.startswith("-") for angle in shape.angles)
+        side = any(table.split(line)[0].startswith("-") for _, line in table.body)
+        if header != side and (shape.columns == "theta_o") == side and "\\" not in named[0] and "/" not in named[0]:
+            shape = shape.turned
+    return _melted(text, table, shape)
 
 
 def _of_blocks(totals: dict[int, Total], above: dict[int, Given]) -> tuple[tuple[int, Total, str], ...]:

@@ -98,6 +98,7 @@ def _wavelengths(brdf: Brdf, given: Any) -> list[float]:
             where="wavelengths",
             got=channels.to_json(),
             expected="wavelengths in nm",
+            options="wavelengths=550" if len(channels) == 1 else "wavelengths=[450,550]",
         )
     metres = [float(f"{1e-9 * w:.12g}") for w in nm]
     if not all(1e-9 <= w <= 17.16e-3 for w in metres):

@@ -121,6 +121,7 @@ def test_what_is_not_clear_is_listed(run: Run, tmp_path: Path) -> None:
     assert "theta_o=COLUMN" in error.value.detail
     status, _, err = run("info", str(path))
     assert (status, " ".join(err.split()).count(" ".join(error.value.detail.split()))) == (1, 1)
+    assert "'scan.dat:theta_o=COLUMN,phi_o=COLUMN,angles=deg,mirror=180'" in err
     given = ",".join(f"{k}={v}" for k, v in {**NAMED, **GIVEN, "shape": "[6,6,6]"}.items())
     status, out, _ = run("info", "--json", f"{path}:{given}")
     assert status == 0

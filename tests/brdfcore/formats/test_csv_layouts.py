@@ -104,6 +104,7 @@ def transposed(corner: str, separator: str = ",", comma: bool = False, across: b
         ("theta_o\\theta_i", True, {}),
         ("theta_i/theta_o", False, {}),
         ("theta_o (deg)", True, {}),
+        ("theta_i", True, {}),  # the name of the header's numbers: only viewers have angles of both signs
         ("angles", True, {"matrix": "theta_i"}),
         ("", False, {"matrix": "theta_o"}),
     ],
@@ -114,10 +115,31 @@ def test_matrices(corner: str, across: bool, options: dict[str, Any], tmp_path: 
     check_scan(rows_of(wrote(tmp_path, transposed(corner, ";", True, across), "sheet.csv"), **given))
 
 
+@pytest.mark.parametrize("named", ["AOI {}", "theta_i={}", "BRDF@{}", "f(AOI={} deg)"])
+def test_a_matrix_whose_columns_are_named(named: str, tmp_path: Path) -> None:
+    lines = transposed("theta_o").splitlines()
+    lines[0] = ",".join(["theta_o", *(named.format(f"{i:g}") for i in LIGHTS)])
+    check_scan(rows_of(wrote(tmp_path, "\n".join([*lines, ""])), angles="deg", quantity="f"))
+    lines[0] = "theta_o,sample 1,sample 2,sample 3"
+    with pytest.raises(bc.FileFormatError, match="theta_i=COLUMN"):
+        rows_of(wrote(tmp_path, "\n".join([*lines, ""])), angles="deg", quantity="f")
+
+
+def test_wavelengths_without_a_unit_are_columns(tmp_path: Path) -> None:
+    text = "theta_i,theta_o,450,650\n10,-20,0.1,0.2\n10,20,0.3,0.4\n"
+    m = rows_of(wrote(tmp_path, text), angles="deg", quantity="f")
+    assert list(m.channels) == [450.0, 650.0]
+    assert m.values.tolist() == [[0.1, 0.2], [0.3, 0.4]]
+    block = "theta_i = 10\ntheta_o,450,650\n-20,0.1,0.2\n20,0.3,0.4\n"
+    assert rows_of(wrote(tmp_path, block), angles="deg", quantity="f").values.tolist() == m.values.tolist()
+
+
 def test_a_matrix_says_what_lacks_and_what_is_wrong(tmp_path: Path) -> None:
     path = wrote(tmp_path, transposed("theta_o"))
     with pytest.raises(bc.FileFormatError, match="quantity=f, f_cos or pi_f"):
         rows_of(path, angles="deg")
+    with pytest.raises(bc.FileFormatError, match="a matrix is read with matrix=theta_i"):
+        rows_of(wrote(tmp_path, transposed("angles"), "unnamed.csv"))
     blank = transposed("theta_o").replace(repr(SCAN[4][2]), "--")
     m = rows_of(wrote(tmp_path, blank), angles="deg", quantity="f")
     assert (len(m), m.found["invalid"]) == (len(SCAN) - 1, {"values": 1})
