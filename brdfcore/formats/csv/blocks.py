@@ -18,7 +18,7 @@ _TOTAL = re.compile(
     rf"(?:directional[- ])?hemispherical reflectance)\b[^=:]{{0,40}}[=:]\s*({_NUMBER})\s*(%|percent)?"
     rf"(?:\s*(?:at|@)\s*({_NUMBER})\s*(?:deg|degrees?|°)?)?", re.I
 )  # fmt: skip
-_LONGEST = 200
+_LONGEST, _MARKS = 200, "#%!/* \t\"'"
 _ANGLE = re.compile("theta|angle|aoi|inc|@", re.I)
 
 
@@ -32,7 +32,7 @@ class Given:
 
 def given(line: str) -> Given | None:
     """What `line`, comment or not, gives to the rows below it; None for any other line."""
-    text = _words(line)
+    text = words_of(line)
     if not text:
         return None
     parts = [part.strip(" \"'") for part in re.split("[,;\t]", text)]
@@ -61,7 +61,7 @@ class Total:
 
 def total(line: str) -> Total | None:
     """What `line`, comment or not, states as the total; None for any other line."""
-    found = _TOTAL.fullmatch(_words(line))
+    found = _TOTAL.fullmatch(words_of(line))
     if found is None:
         return None
     value = float(found[1].replace(",", "."))
@@ -70,13 +70,13 @@ def total(line: str) -> Total | None:
     return Total(value, float(found[3].replace(",", ".")) if found[3] else None)
 
 
-def _words(line: str) -> str:
+def words_of(line: str) -> str:
     """The text of a short line that begins with a letter, without the marks of a comment; "" of any other."""
-    if len(line) > _LONGEST:
+    text = line.lstrip(_MARKS)
+    if not text[:1].isalpha() or len(text) > _LONGEST:
         return ""
-    text = line.replace("\udcc2\udcb0", "°").replace("\udcb0", "°")  # UTF-8 or Latin-1
-    text = text.strip().lstrip("#%!/* \t\"'").rstrip(" \t;,\"'")
-    return text if text[:1].isalpha() else ""
+    # the degree of UTF-8 or Latin-1
+    return text.replace("\udcc2\udcb0", "°").replace("\udcb0", "°").rstrip(" \t;,\"'")
 
 
 @dataclass(frozen=True)

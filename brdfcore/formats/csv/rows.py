@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from brdfcore.formats.base.text_rows import MAX_NUMBERS, TextFile, printable
-from brdfcore.formats.csv.blocks import Given, Matrix, Total, given, matrix, total
+from brdfcore.formats.csv.blocks import Given, Matrix, Total, given, matrix, total, words_of
 from brdfcore.formats.csv.header import meaning
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "": "blanks"}
@@ -17,8 +17,8 @@ SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "": "blanks"}
 BLANK = frozenset({"", "-", "--", "---", "n/a", "na", "#n/a", "null", "none", "nan", "."})
 #: Lines that may stand before the header, and cells of a row.
 _BEFORE, MAX_COLUMNS = 200, 4_096
-#: Stated totals that are kept.
-_MOST_TOTALS = 200
+#: Lines of words that are looked at for what they say of the rows below, and stated totals that are kept.
+_MOST_SAID, _MOST_TOTALS = 20_000, 200
 #: Characters among which the table's begin is looked for, and what a name of a polar angle has in it.
 _LOOKED_AT = 200_000
 _HINT = re.compile("theta|angle|aoi|incidence|w[io][._ ]?x|light", re.I)
@@ -77,9 +77,10 @@ def cells(line: str, separator: str) -> list[str]:
 
 def rows_of(text: TextFile, asked: Any = None) -> Rows:
     """Find the table in a file; `FileFormatError` where there is none. `asked`: of a matrix, see `blocks.matrix`."""
-    above = {k + 1: found for k, line in enumerate(text.lines) if (found := given(line)) is not None}
+    worded = [k for k, line in enumerate(text.lines) if words_of(line)][:_MOST_SAID]
+    above = {k + 1: found for k in worded if (found := given(text.lines[k])) is not None}
     lines = [(k + 1, line.partition("#")[0].rstrip(" ").lstrip(" ")) for k, line in enumerate(text.lines)]
-    totals = {k + 1: what for k, line in enumerate(text.lines) if (what := total(line)) is not None}
+    totals = {k + 1: what for k in worded if (what := total(text.lines[k])) is not None}
     lines = [(n, line) for n, line in lines if line.strip(" \t;,") and n not in above and n not in totals]
     if not lines:
         raise text.bad(len(text.lines), "rows", "no rows", "rows of numbers")
