@@ -1,7 +1,8 @@
 """How long measured files take to read: `python -m tests.benchmarks.reading [--files ptfe cayman]`, processor seconds.
 
-Each is read twice; the second time is said, when kernels are compiled and modules loaded, and the wall's beside it, which
-is longer on a busy machine. `off`: the largest relative difference of a look-up at a row of the file from its value.
+Each is read twice; the second time is said, when kernels are compiled and modules loaded, and the wall's beside it,
+which is longer on a busy machine. `off`: the largest relative difference of a look-up at a row of the file from its
+value.
 """
 
 from __future__ import annotations

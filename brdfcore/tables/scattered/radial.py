@@ -24,8 +24,8 @@ from brdfcore.kernels.machine.blocks import threads
 
 Float64Array = npt.NDArray[np.float64]
 
-#: Distances that one thread has in hand at a time: they stay in its cache.
-_CHUNK = 250_000
+#: Distances that one thread has in hand at a time: they stay in its cache. Pieces of so many from which threads pay.
+_CHUNK, _WORTH_THREADS = 250_000, 8
 #: Terms of the polynomial that differ by less than this, relative, don't differ.
 _ALIKE = 1e-9
 
@@ -103,7 +103,7 @@ class Radial:
             use(slice(start, start + step), phi)
 
         starts = range(0, len(points), step)
-        if len(starts) < 2 or threads() == 1:
+        if len(starts) < _WORTH_THREADS or threads() == 1:
             for start in starts:
                 rows(start)
             return
