@@ -12,11 +12,11 @@ from brdfcore.formats.csv.header import meaning
 #: Roles that a line above rows may give.
 GIVEN = ("theta_i", "phi_i", "theta_o", "phi_o", "delta_phi", "wavelength")
 _NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?"
-_PAIR = re.compile(rf"([A-Za-z][^\d=:]*?)[\s=:]+({_NUMBER})\s*(deg|degrees?|rad|radians?|nm|um|°)?", re.I)
+_PAIR = re.compile(rf"([A-Za-z][^\d=:]*?)[\s=:]+({_NUMBER})\s*(deg|degrees?|rad|radians?|nm|um)?", re.I)
 _TOTAL = re.compile(
     r"(?:TIS|DHR|albedo|total (?:integrated )?(?:scatter(?:ing|ed)?|reflectance|reflectivity)|"
     rf"(?:directional[- ])?hemispherical reflectance)\b[^=:]{{0,40}}[=:]\s*({_NUMBER})\s*(%|percent)?"
-    rf"(?:\s*(?:at|@)\s*({_NUMBER})\s*(?:deg|degrees?|°)?)?", re.I
+    rf"(?:\s*(?:at|@)\s*({_NUMBER})\s*(?:deg|degrees?)?)?", re.I
 )  # fmt: skip
 _LONGEST, _MARKS = 200, "#%!/* \t\"'"
 _ANGLE = re.compile("theta|angle|aoi|inc|@", re.I)
@@ -47,7 +47,7 @@ def given(line: str) -> Given | None:
         values[name.role] = found[2].replace(",", ".")
         said = (found[3] or name.unit or "").lower()[:3]
         if name.role != "wavelength":
-            unit = {"deg": "deg", "rad": "rad", "°": "deg"}.get(said, unit)
+            unit = {"deg": "deg", "rad": "rad"}.get(said, unit)
     return Given(values, unit)
 
 
@@ -75,8 +75,7 @@ def words_of(line: str) -> str:
     text = line.lstrip(_MARKS)
     if not text[:1].isalpha() or len(text) > _LONGEST:
         return ""
-    # the degree of UTF-8 or Latin-1
-    return text.replace("\udcc2\udcb0", "°").replace("\udcb0", "°").rstrip(" \t;,\"'")
+    return text.rstrip(" \t;,\"'")
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,7 @@ def matrix(names: list[str], asked: Any) -> Matrix | None:
     columns = asked or (roles[1] if len(roles) > 1 else other[roles[0]])
     angles, units = [], [name.unit for name in corner if name.unit in ("deg", "rad")]
     for name in names[1:]:
-        found = re.fullmatch(rf"(.*?)[\s=:_(\[]*({_NUMBER})\s*(deg|degrees?|rad|radians?|°)?[)\]]?", name.strip(), re.I)
+        found = re.fullmatch(rf"(.*?)[\s=:_(\[]*({_NUMBER})\s*(deg|degrees?|rad|radians?)?[)\]]?", name.strip(), re.I)
         if found is None:
             return None
         # "AOI 10", "BRDF@10"; of "sample 1" nobody says that it is an angle
@@ -118,7 +117,7 @@ def matrix(names: list[str], asked: Any) -> Matrix | None:
             return None
         if asked is None and abs(float(found[2].replace(",", "."))) > 90:
             return None
-        units += [found[3].lower()[:3].replace("°", "deg")] if found[3] else []
+        units += [found[3].lower()[:3]] if found[3] else []
         angles.append(found[2].replace(",", "."))
     if len(set(map(float, angles))) < len(angles):
         return None

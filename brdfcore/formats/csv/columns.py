@@ -119,7 +119,10 @@ def columns_of(text: TextFile, chosen: dict[str, Any]) -> Columns:
     unused = {*HALF, *VECTORS} if not kind else {*_ANGLES, *VECTORS} - {*_KINDS[kind]}
     places = {role: k for role, k in places.items() if role not in unused}
     in_plane = not kind and not {"delta_phi", "phi_o"} & set(places) and _signed(rows, places)
-    missing = _missing(places, values, said, in_plane, kind, chosen)
+    negative = any(
+        cell.startswith("-") and cell not in BLANK for _, line in rows.body[:200] for cell in rows.split(line)
+    )
+    missing = _missing(places, values, said, in_plane, negative, kind, chosen)
     if missing:
         raise _not_clear(text, rows, missing)
     spread = []
@@ -230,10 +233,15 @@ class _Said:
         kinds = {meanings[k].quantity for k in values}
         # "dphi" of another program may count from either side; delta_phi and phi_i, phi_o are this project's
         azimuth = header[places["delta_phi"]].lower() if "delta_phi" in places else ""
-        mirror = azimuth.startswith("delta_phi") or (not azimuth and {"phi_i", "phi_o"} <= set(places))
+        both = [header[places[role]].lower() for role in ("phi_i", "phi_o") if role in places]
+        mirror = azimuth.startswith("delta_phi")
+        mirror = mirror or (not azimuth and len(both) == 2 and all(name.startswith("phi") for name in both))
         wave = places.get("wavelength")
         return cls(places, values, units.pop() if len(units) == 1 else "", kinds.pop() if len(kinds) == 1 else "",
                    mirror, "" if wave is None else meanings[wave].unit)  # fmt: skip
+
+
+_COLOURS = (["r", "g", "b"], ["red", "green", "blue"])
 
 
 def _placed(text: TextFile, rows: Rows, said: _Said, chosen: dict[str, Any]) -> tuple[dict[str, int], list[int]]:
@@ -266,8 +274,10 @@ def _placed(text: TextFile, rows: Rows, said: _Said, chosen: dict[str, Any]) -> 
     if chosen["value"] is None:
         values = [k for k in rows.values or said.values if k not in taken]
         rest = [k for k in range(len(rows.names)) if k not in (*taken, *places.values())]
-        if not values and rest and wavelengths([rows.names[k] for k in rest]) is not None:
-            values = rest  # a wavelength a column, without its unit
+        names = [rows.names[k] for k in rest]
+        # a wavelength a column, without its unit; three colours
+        if not values and rest and (wavelengths(names) is not None or [n.lower() for n in names] in _COLOURS):
+            values = rest
     if chosen["wavelength"] is None and len(values) != 1:
         places.pop("wavelength", None)  # a column a wavelength: another one says nothing of them
     if "delta_phi" in places and "phi_o" in places:  # one says all; delta_phi is what the look-up takes
@@ -305,15 +315,23 @@ def _signed(rows: Rows, places: dict[str, int]) -> bool:
 
 
 def _missing(
-    places: dict[str, int], values: list[int], said: _Said, in_plane: bool, kind: str, chosen: dict[str, Any]
+    places: dict[str, int],
+    values: list[int],
+    said: _Said,
+    in_plane: bool,
+    negative: bool,
+    kind: str,
+    chosen: dict[str, Any],
 ) -> list[str]:
-    """The options that have to be given."""
+    """The options that have to be given; `negative`: whether any number of the table is."""
     if kind:
         missing = [f"{role}=COLUMN" for role in _KINDS[kind] if role not in places]
         if missing and kind == "vectors":
             missing = ["wi=[X,Y,Z] and wo=[X,Y,Z]"]
     else:
         missing = [f"{role}=COLUMN" for role in ("theta_i", "theta_o") if role not in places]
+        # whether a polar angle is signed is seen when it is named
+        in_plane = in_plane or bool(missing and negative and not {"delta_phi", "phi_o"} & set(places))
         if "delta_phi" not in places and "phi_o" not in places and not in_plane:
             missing.append("phi_o=COLUMN (and phi_i=COLUMN) or delta_phi=COLUMN")
     if not values:

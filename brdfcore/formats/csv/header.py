@@ -7,23 +7,45 @@ from typing import NamedTuple
 
 #: Names of angles, without blanks, underscores, hyphens and case. "dphi" and the like do not say where the mirror is.
 _ANGLES = {
-    "theta_i": ("thetai", "thetain", "thetainc", "incidentangle", "incidenceangle", "angleofincidence", "aoi",
-                "incidence"),
-    "theta_o": ("thetao", "thetaout", "thetar", "thetav", "thetas", "measureangle", "viewangle", "viewingangle",
-                "scatterangle", "detectorangle"),
-    "phi_i": ("phii", "phiin", "phiinc"),
-    "phi_o": ("phio", "phiout", "phir", "phiv", "phis"),
+    "theta_i": ("thetai", "thetain", "thetainc", "thetaincident", "incidentangle", "incidenceangle",
+                "angleofincidence", "aoi", "incidence", "incidentzenith", "zenithi", "zenithin"),
+    "theta_o": ("thetao", "thetaout", "thetar", "thetav", "thetas", "thetascatter", "measureangle", "viewangle",
+                "viewingangle", "observationangle", "scatterangle", "scatteringangle", "detectorangle",
+                "angleofreflection", "reflectionangle", "aor", "viewzenith", "zenitho", "zenithout"),
+    "phi_i": ("phii", "phiin", "phiinc", "phiincident", "incidentazimuth", "azimuthi", "azimuthin"),
+    "phi_o": ("phio", "phiout", "phir", "phiv", "phis", "phiscatter", "viewazimuth", "azimutho", "azimuthout"),
     "delta_phi": ("deltaphi", "dphi", "relativeazimuth"),
     "theta_h": ("thetah", "thetahalf", "halfangle"),
     "theta_d": ("thetad", "thetadiff", "thetadifference", "differenceangle"),
     "phi_d": ("phid", "phidiff", "phidifference"),
-    **{f"{w}_{k}": (f"{w}{k}", f"{w}.{k}", f"{o}{k}") for w, o in (("wi", "light"), ("wo", "view")) for k in "xyz"},
+    **{f"{w}_{k}": (f"{w}{k}", f"{w}.{k}", f"{o}{k}", f"{o[0]}{k}")
+       for w, o in (("wi", "light"), ("wo", "view")) for k in "xyz"},
 }  # fmt: skip
 _ROLE = {name: role for role, names in _ANGLES.items() for name in names}
-_QUANTITY = {"fr": "f", "brdf": "f", "value": "f", "f": "f", "fcos": "f_cos", "brdfcos": "f_cos", "ccbrdf": "f_cos",
-             "pif": "pi_f", "brf": "pi_f"}  # fmt: skip
+_QUANTITY = {"fr": "f", "brdf": "f", "bsdf": "f", "value": "f", "f": "f", "fcos": "f_cos", "brdfcos": "f_cos",
+             "ccbrdf": "f_cos", "pif": "pi_f", "brf": "pi_f"}  # fmt: skip
 _UNIT = re.compile(r"(.*?)[\s_]*(?:[\[(/,]\s*|_)(deg|degrees?|rad|radians?|1/sr|sr-1|sr\^-1|um|nm)\.?\s*[\])]?", re.I)
 _WAVELENGTH = re.compile(r"(?:f_r_|brdf[ _]|f[ _])?(\d+(?:\.\d*)?|\.\d+)(e[-+]?\d+)?\s*(nm|um)", re.I)
+
+
+#: Signs that people write in headers, and how these names are spelled here.
+_SIGNS = {"°": "deg", "º": "deg", "θ": "theta", "ϑ": "theta", "Θ": "theta", "φ": "phi", "ϕ": "phi", "Φ": "phi",
+          "λ": "lambda", "Δ": "d", "∆": "d", "µ": "u", "μ": "u", "⁻¹": "-1", "ᵢ": "i", "ₒ": "o", "ᵣ": "r",
+          "−": "-", "\xa0": " "}  # fmt: skip
+
+
+def spelled(line: str) -> str:
+    """A line of a text file with Greek letters, degree and minus signs, as UTF-8 or Latin-1, spelled out."""
+    if line.isascii():
+        return line
+    raw = line.encode("ascii", "surrogateescape")
+    try:
+        text = raw.decode()
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    for sign, name in _SIGNS.items():
+        text = text.replace(sign, name)
+    return text.encode().decode("ascii", "surrogateescape")
 
 
 class Name(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any
 
 from brdfcore.formats.base.text_rows import MAX_NUMBERS, TextFile, printable
 from brdfcore.formats.csv.blocks import Given, Matrix, Total, given, matrix, total, words_of
-from brdfcore.formats.csv.header import meaning
+from brdfcore.formats.csv.header import meaning, spelled
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "": "blanks"}
 #: What stands for "no value" in a cell, whatever column.
@@ -77,10 +77,11 @@ def cells(line: str, separator: str) -> list[str]:
 
 def rows_of(text: TextFile, asked: Any = None) -> Rows:
     """Find the table in a file; `FileFormatError` where there is none. `asked`: of a matrix, see `blocks.matrix`."""
-    worded = [k for k, line in enumerate(text.lines) if words_of(line)][:_MOST_SAID]
-    above = {k + 1: found for k in worded if (found := given(text.lines[k])) is not None}
-    lines = [(k + 1, line.partition("#")[0].rstrip(" ").lstrip(" ")) for k, line in enumerate(text.lines)]
-    totals = {k + 1: what for k in worded if (what := total(text.lines[k])) is not None}
+    every = [spelled(line) for line in text.lines]
+    worded = [k for k, line in enumerate(every) if words_of(line)][:_MOST_SAID]
+    above = {k + 1: found for k in worded if (found := given(every[k])) is not None}
+    totals = {k + 1: what for k in worded if (what := total(every[k])) is not None}
+    lines = [(k + 1, line.partition("#")[0].rstrip(" ").lstrip(" ")) for k, line in enumerate(every)]
     lines = [(n, line) for n, line in lines if line.strip(" \t;,") and n not in above and n not in totals]
     if not lines:
         raise text.bad(len(text.lines), "rows", "no rows", "rows of numbers")
@@ -93,7 +94,7 @@ def rows_of(text: TextFile, asked: Any = None) -> Rows:
     body = lines[start:]
     comment: list[str] = []
     if header is None:
-        said = [line.strip("# \t") for line in text.lines[: lines[start][0] - 1] if line.lstrip().startswith("#")]
+        said = [line.strip("# \t") for line in every[: lines[start][0] - 1] if line.lstrip().startswith("#")]
         comment = cells(said[-1], separator) if said else []
         comment = [printable(c) for c in comment] if len(comment) == len(names) else []
     elif body and header + 1 < start:  # a row of units

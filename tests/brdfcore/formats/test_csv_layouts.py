@@ -147,6 +147,18 @@ def test_a_matrix_says_what_lacks_and_what_is_wrong(tmp_path: Path) -> None:
         rows_of(wrote(tmp_path, "theta_i,theta_o,BRDF\n10,20,1\n10,-20,1\n"), matrix="theta_o", angles="deg")
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "utf-16"])
+def test_signs_in_headers(encoding: str, tmp_path: Path) -> None:
+    greek = encoding != "latin-1"
+    head = "θi [°];θo [°];Δφ [°];BRDF [sr⁻¹]" if greek else "theta_i [°];theta_o [°];delta_phi [°];BRDF [1/sr]"
+    minus = "−" if greek else "-"
+    path = tmp_path / "m.csv"
+    path.write_bytes(f"{head}\n10;20;180;0,25\n10;{minus}20;180;0,5\n".encode(encoding))
+    m = rows_of(path, mirror=180)  # of another's azimuth nobody says where the mirror is
+    assert np.degrees(m.delta_phi) == pytest.approx([180, 0])
+    assert m.values[:, 0].tolist() == [0.25, 0.5]
+
+
 def directions() -> Any:
     rng = np.random.default_rng(8)
     return rng.uniform(0.05, 1.4, 40), rng.uniform(0.05, 1.4, 40), rng.uniform(-3, 3, 40)
@@ -174,7 +186,9 @@ def test_half_and_difference_angles(degrees: bool, tmp_path: Path) -> None:
         rows_of(wrote(tmp_path, text.replace("phi_d", "turn")))
 
 
-@pytest.mark.parametrize(("names", "travel"), [("wi_x,wi_y,wi_z,wo_x,wo_y,wo_z", 1), ("a,b,c,d,e,g", -1)])
+@pytest.mark.parametrize(
+    ("names", "travel"), [("wi_x,wi_y,wi_z,wo_x,wo_y,wo_z", 1), ("Lx,Ly,Lz,Vx,Vy,Vz", 1), ("a,b,c,d,e,g", -1)]
+)
 def test_vectors(names: str, travel: int, tmp_path: Path) -> None:
     theta_i, theta_o, turn = directions()
     columns = coordinates("CARTESIAN", theta_i, theta_o, turn)
@@ -218,3 +232,32 @@ def test_a_total_of_each_block(tmp_path: Path) -> None:
         text += "".join(f"{o},{d},{0.5 / np.pi!r}\n" for o in (0, 30, 60, 80) for d in (0, 90, 180))
     warned = bc.read(wrote(tmp_path, text), angles="deg", shape="[8,6,6]").report["warnings"]
     assert any("line 17 states a total of 0.3, and the table integrates to 0.5 at 50 degrees:" in t for t in warned)
+
+
+@pytest.mark.parametrize(
+    ("head", "lacking"),
+    [
+        ("Incidence angle (deg),Scatter angle (deg),BSDF (1/sr)", ""),
+        ("AOI [deg],AOR [deg],BRDF [1/sr]", ""),
+        ("Motor 1,Motor 2,BRDF", "theta_i=COLUMN,theta_o=COLUMN,angles=deg"),
+        ("theta_i_deg,Motor 2,BRDF", "theta_o=COLUMN"),
+    ],
+)
+def test_names_of_scans_in_one_plane(head: str, lacking: str, tmp_path: Path) -> None:
+    """What is signed needs no azimuth, and none is asked for before that can be seen."""
+    path = wrote(tmp_path, head + "\n" + "".join(f"{i:g},{o:g},{f!r}\n" for i, o, f in SCAN))
+    if not lacking:
+        check_scan(rows_of(path))
+        return
+    with pytest.raises(bc.FileFormatError) as caught:
+        rows_of(path)
+    assert caught.value.context["options"] == lacking
+
+
+def test_names_of_zeniths_azimuths_and_colours(tmp_path: Path) -> None:
+    rows = "".join(f"{i},0,{o},{p},0.1,0.2,0.3\n" for i in (0, 30) for o in (0, 40) for p in (0, 90))
+    path = wrote(tmp_path, "Zenith_in,Azimuth_in,Zenith_out,Azimuth_out,R,G,B\n" + rows)
+    m = rows_of(path, angles="deg", mirror=180, quantity="f")
+    assert list(m.channels) == ["R", "G", "B"]
+    with pytest.raises(bc.FileFormatError, match="mirror=180"):  # light's azimuth may be that in which it travels
+        rows_of(path, angles="deg", quantity="f")
