@@ -24,8 +24,9 @@ _NODES = 8
 def plane_report(table: Scattered, theta_i: Float64Array) -> dict[str, Any]:
     """Albedo at `theta_i` (n,) rad, the mean of the channels, of `table`'s measurements in the plane of incidence.
 
-    Keys: assumed, power; albedo as assumed; lowest, highest: under every assumption that the data do not rule out,
-    widened by how far the albedo moves when every second geometry is left out; by assumption; difference from a product
+    Keys: assumed, power; albedo of the table; lowest, highest: under every assumption that the data do not rule out,
+    widened by how far the albedo moves when every second geometry is left out, and as far as the table's, whose lattice
+    goes between the measurements otherwise than what it was made from; by assumption; difference from a product
     (rms of ln f) by which they were chosen.
     """
     points, values = merged(table.angles, table.measured, True)[:2]
@@ -46,13 +47,15 @@ def plane_report(table: Scattered, theta_i: Float64Array) -> dict[str, Any]:
         if len(points) >= 40
     ]
     coarse = np.mean([np.abs(half - shown[chosen]) for half in halves], axis=0) if halves else 0.0
+    own = table.albedo(theta_i).mean(axis=1)
     span = np.array([shown[kind] for kind in tried])
+    lowest, highest = np.maximum(span.min(axis=0) - coarse, 0), span.max(axis=0) + coarse
     return {
         "assumed": chosen_plane._asdict(),
         "theta_i": np.degrees(theta_i).round(3).tolist(),
-        "albedo": _short(shown[chosen]),
-        "lowest": _short(np.maximum(span.min(axis=0) - coarse, 0)),
-        "highest": _short(span.max(axis=0) + coarse),
+        "albedo": _short(own),
+        "lowest": _short(np.minimum(lowest, own)),
+        "highest": _short(np.maximum(highest, own)),
         "by assumption": {name: _short(shown[kind]) for kind, name in named.items()},
         "difference from a product": {name: float(f"{found[kind]:.3g}") for kind, name in named.items()},
         "not ruled out": [named.get(k, f"power {k}") for k in sorted(tried, key=str)],
