@@ -15,14 +15,13 @@ from brdf_service.library.materials import Library
 from brdf_service.library.writing import Writer
 from brdf_service.routes import evaluate, health, jobs, materials, pages, pareto, relight, writing
 from brdf_service.server import process, start, warmup
-from brdf_service.server.middleware import RequestMiddleware
+from brdf_service.server.middleware import RequestMiddleware, Service
 from brdf_service.server.request_log import RequestLog
 from brdf_service.settings import Settings
 from brdf_service.state import State
 from brdf_service.work.drawing import Drawing
 from brdf_service.work.imports import Imports
 from brdf_service.work.jobs import Jobs
-from fastapi import FastAPI
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
@@ -32,7 +31,7 @@ _ROUTED = (evaluate, relight, materials, writing, pareto, jobs, health, pages)
 
 def create_app(
     settings: Settings | None = None, *, warm: bool = True, request_log: RequestLog | None = None
-) -> FastAPI:
+) -> Service:
     """The application over a data folder.
 
     settings     default: BRDF_* variables and defaults.
@@ -47,7 +46,7 @@ def create_app(
     imports = Imports(library, state.jobs)
 
     @asynccontextmanager
-    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+    async def lifespan(_: Service) -> AsyncIterator[None]:
         library.store.clean()
         imports.start()
         warmup.start(state, warm=warm)
@@ -59,11 +58,9 @@ def create_app(
     # the framework's page of documents loads scripts from a server on the internet; pages.py has one of its own. And
     # its telemetry asks with each request whether anybody has set it up, for a fifth of a look-up
     off: Any = {"telemetry": {"tracing": False, "metrics": False, "logs": False}}
-    app = FastAPI(docs_url=None, redoc_url=None, redirect_slashes=False, lifespan=lifespan, **off)
+    app = Service(docs_url=None, redoc_url=None, redirect_slashes=False, lifespan=lifespan, **off)
     app.state.brdf = state
-    # the last one added is the first to see a request, and the last to see an error
-    app.add_middleware(evaluate.EvaluateShortCut)
-    app.add_middleware(RequestMiddleware, state=state, request_log=request_log)
+    app.layers = RequestMiddleware(evaluate.EvaluateShortCut(app.framework), state, request_log)
     app.add_exception_handler(HTTPException, _refused_by_router)
     for module in _ROUTED:
         app.include_router(module.router)

@@ -13,9 +13,11 @@ import time
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
+import orjson
 from brdf_service.evaluate.binary_body import npy_head
 from brdf_service.evaluate.directions import Array, Directions
-from brdf_service.http.json import array_to_json, to_header, to_json
+from brdf_service.http.json import to_header, to_json
 from brdf_service.http.negotiation import MEDIA_TYPES, Kind
 from brdf_service.library.materials import Material
 from starlette.responses import Response
@@ -29,6 +31,9 @@ STATUS_NAMES = [s.name.lower() for s in bc.Status]
 INLINE_VALUES = {"table": 24_000, "model": 1024}
 #: Points evaluated at a time there: more would wake the threads of a parallel kernel, and the loop would wait for them.
 _INLINE_POINTS = 8000
+_CONTENT_TYPES = {kind: (b"content-type", media_type.encode()) for kind, media_type in MEDIA_TYPES.items()}
+#: Values encoded at a time: the interpreter's lock is held meanwhile, and other requests must get a turn in between.
+_ENCODED = 65_536
 
 
 class Evaluated(NamedTuple):
@@ -51,8 +56,9 @@ class PlainResponse(Response):
 
     def __init__(self, made: Evaluated, headers: dict[str, str], kind: Kind) -> None:
         self.status_code, self.body, self.background = 200, made.body, None
-        headers = {**headers, **made.headers, "content-type": MEDIA_TYPES[kind], "content-length": str(len(made.body))}
+        headers.update(made.headers)
         self.raw_headers = [(name.encode(), value.encode("latin-1")) for name, value in headers.items()]
+        self.raw_headers += (_CONTENT_TYPES[kind], (b"content-length", b"%d" % len(made.body)))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
@@ -60,7 +66,7 @@ class PlainResponse(Response):
 
 
 def answer(
-    material: Material, asked: Directions, points: int, kind: Kind, beside: Beside, *, inline: bool, lasting: bool
+    material: Material, asked: Directions, points: int, kind: Kind, beside: Beside, inline: bool, lasting: bool
 ) -> Evaluated:
     """f_r at the directions. Raises `InputError` in the request's own unit and index.
 
@@ -111,7 +117,7 @@ def _error_in_short(material: Material) -> dict[str, Any]:
 
 def _evaluated(brdf: bc.Brdf, asked: Directions, points: int, out: Array | None, inline: bool) -> Array:
     """The values; in the event loop a few points at a time, as long as nothing is wrong with any."""
-    if inline and points > _INLINE_POINTS and all(x.size in (1, points) for x in asked.lists):
+    if points > _INLINE_POINTS and inline and all(x.size in (1, points) for x in asked.lists):
         values = np.empty((points, len(brdf.channels)), np.result_type(*asked.lists)) if out is None else out
         try:
             for start in range(0, points, _INLINE_POINTS):
@@ -160,3 +166,16 @@ def _numbers(
         "x-brdf-has-delta": "true" if brdf.has_delta else "false",
     }
     return Evaluated(memoryview(body.data), headers, seconds)
+
+
+def array_to_json(values: npt.NDArray[Any]) -> bytes:
+    """A contiguous array as nested lists: floats read back to the same bits, not finite ones are null."""
+    if values.dtype == np.float32:
+        values = values.astype(np.float64)  # its shortest text is that of another float64
+    if values.size <= _ENCODED or values.ndim == 0:
+        return orjson.dumps(values, option=orjson.OPT_SERIALIZE_NUMPY)
+    step = max(1, _ENCODED * len(values) // values.size)
+    parts = [
+        orjson.dumps(values[k : k + step], option=orjson.OPT_SERIALIZE_NUMPY)[1:-1] for k in range(0, len(values), step)
+    ]
+    return b"[%b]" % b",".join(parts)

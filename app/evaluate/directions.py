@@ -56,12 +56,13 @@ class Angles(NamedTuple):
 
     def radians(self) -> tuple[Array, Array, Array]:
         """What `Brdf.evaluate` takes, converted by the library's one conversion."""
-        if self.unit == "rad":
-            return self.theta_i, self.theta_o, self.delta_phi
-        if self.theta_i.ndim == self.theta_o.ndim == self.delta_phi.ndim == 0:  # one conversion instead of three
-            a, b, c = bc.to_radians(np.array(self[:3]))
-            return a, b, c
-        return bc.to_radians(self.theta_i), bc.to_radians(self.theta_o), bc.to_radians(self.delta_phi)
+        a, b, c = self.lists
+        if self.unit == "deg":
+            if a.ndim == b.ndim == c.ndim == 0:  # one conversion instead of three
+                a, b, c = bc.to_radians(np.array((a, b, c)))
+            else:
+                a, b, c = map(bc.to_radians, (a, b, c))
+        return a, b, c
 
     def explained(self, error: bc.InputError) -> bc.InputError:
         """The library's complaint about an angle, in the unit, the number and the index that the request gave."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ from starlette.types import Scope
 import brdfcore as bc
 
 Bytes = npt.NDArray[np.uint8]
+T = TypeVar("T")
 
 
 class Room:
@@ -71,7 +73,11 @@ async def read_json_numbers(request: Request, settings: Settings) -> bytes:
 
 async def read_bytes(request: Request, limit: int, seconds: float) -> bytes:
     """The whole body as bytes; a small one, which comes in one piece, is not copied."""
-    received = [piece async for piece in pieces(request, limit, seconds)]
+
+    async def receive() -> list[bytes]:
+        return [piece async for piece in pieces(request, limit)]
+
+    received = await in_time(receive(), seconds)
     return received[0] if len(received) == 1 else b"".join(received)
 
 
@@ -82,46 +88,48 @@ async def read_array(request: Request, limit: int, seconds: float) -> Bytes:
         return np.frombuffer(bytearray(await read_bytes(request, limit, seconds)), np.uint8)
     _check(announced, limit)
     buffer = np.empty(announced, np.uint8)
-    view, end = memoryview(buffer), 0  # type: ignore[arg-type]  # an array is a buffer; numpy's stubs say so from 3.12
-    async for piece in pieces(request, limit, seconds):
-        view[end : end + len(piece)] = piece  # the server sees to it that no more comes than was announced
-        end += len(piece)
-    return buffer[:end]
+    view = memoryview(buffer)  # type: ignore[arg-type]  # an array is a buffer; numpy's stubs say so from 3.12
+
+    async def receive() -> int:
+        end = 0
+        async for piece in pieces(request, limit):
+            view[end : end + len(piece)] = piece  # the server sees to it that no more comes than was announced
+            end += len(piece)
+        return end
+
+    return buffer[: await in_time(receive(), seconds)]
 
 
-async def pieces(request: Request, limit: int, seconds: float, *, held: bool = True) -> AsyncIterator[bytes]:
+async def in_time(receiving: Awaitable[T], seconds: float) -> T:
+    """What `receiving` a body gives, by one timer for all of it; `SlowBodyError` if it takes more than `seconds`."""
+    try:
+        async with asyncio.timeout(seconds) as deadline:
+            return await receiving
+    except TimeoutError:
+        if not deadline.expired():
+            raise
+        said = f"the body has not arrived within {seconds:g} seconds"
+        raise SlowBodyError("body_too_slow", said, where="body", limit=int(seconds), rest_unread=True) from None
+
+
+async def pieces(request: Request, limit: int, *, held: bool = True) -> AsyncIterator[bytes]:
     """The body piece by piece.
 
     held  the caller keeps them: they count among those that the service holds, until the request ends.
 
-    Raises `LimitError` beyond `limit` bytes, `SlowBodyError` if it has not ended after `seconds`, `BusyError` if the
-    service holds too many bytes, `MediaTypeError` for a body that is compressed.
+    Raises `LimitError` beyond `limit` bytes, `BusyError` if the service holds too many bytes, `MediaTypeError` for a
+    body that is compressed.
     """
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     if encoding not in ("", "identity"):
         said = "the body must not be compressed; send it without Content-Encoding"
         got, where = encoding[:80], "Content-Encoding"
         raise MediaTypeError("encoding_refused", said, where=where, got=got, expected="identity", rest_unread=True)
-    announced = _announced(request)
-    if announced is not None:
-        _check(announced, limit)
-    loop = asyncio.get_running_loop()
-    deadline = loop.time() + seconds
-    receive, count, more = request.receive, 0, True
+    _check(_announced(request) or 0, limit)
     room: Room | None = request.scope["app"].state.brdf.bodies if held else None
+    receive, count, more = request.receive, 0, True
     while more:
-        try:
-            async with asyncio.timeout_at(deadline):
-                message = await receive()
-        except TimeoutError:
-            raise SlowBodyError(
-                "body_too_slow",
-                f"the body has not arrived within {seconds:g} seconds",
-                where="body",
-                got=count,
-                limit=int(seconds),
-                rest_unread=True,
-            ) from None
+        message = await receive()
         if message["type"] == "http.disconnect":
             raise ClientDisconnect
         piece, more = message.get("body", b""), message.get("more_body", False)

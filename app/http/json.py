@@ -6,15 +6,12 @@ import json
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 import orjson
 from brdf_service.http.errors import MalformedBodyError
 from pydantic import BaseModel, ValidationError
 
 import brdfcore as bc
 
-#: Values encoded at a time: the interpreter's lock is held meanwhile, and other requests must get a turn in between.
-_VALUES = 65_536
 M = TypeVar("M", bound=BaseModel)
 
 
@@ -30,19 +27,6 @@ def to_json(value: Any) -> bytes:
 def to_header(value: Any) -> str:
     """`value` as JSON in ASCII: whatever it holds, it cannot break out of a header."""
     return json.dumps(_plain(value), allow_nan=False, separators=(",", ":"))
-
-
-def array_to_json(values: npt.NDArray[Any]) -> bytes:
-    """A contiguous array as nested lists: floats read back to the same bits, not finite ones are null."""
-    if values.dtype == np.float32:
-        values = values.astype(np.float64)  # its shortest text is that of another float64
-    if values.size <= _VALUES or values.ndim == 0:
-        return orjson.dumps(values, option=orjson.OPT_SERIALIZE_NUMPY)
-    step = max(1, _VALUES * len(values) // values.size)
-    parts = [
-        orjson.dumps(values[k : k + step], option=orjson.OPT_SERIALIZE_NUMPY)[1:-1] for k in range(0, len(values), step)
-    ]
-    return b"[%b]" % b",".join(parts)
 
 
 def _plain(value: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
@@ -123,34 +124,27 @@ def openapi_parameters(model: type[Query]) -> list[dict[str, Any]]:
 
 def parse_numbers(name: str, text: str) -> npt.NDArray[np.float64]:
     """ "30" as an array of shape (), "30,45" of shape (2,)."""
-    if _LIST.fullmatch(text):
-        made = np.array([float(part) for part in text.split(",")]) if "," in text else np.array(float(text))
-        return _finite(name, made)
-    # a "+" that nobody escaped arrives as a space: 1e+2 must not be refused for that
-    parts = [re.sub(r"(?<=[eE]) ", "+", part.strip()) for part in text.split(",")]
-    for index, part in enumerate(parts):
-        if not _ONE.fullmatch(part):
-            place = f"{name}[{index}]" if len(parts) > 1 else name
-            what = "something else" if part else "nothing"
-            raise bc.InputError(
-                "not_a_number",
-                f"{place}: expected a decimal number, got {what}; several values are separated by commas",
-                where=name,
-                index=[index] if len(parts) > 1 else [],
-                got=part[:80],
-                expected="a decimal number",
-            )
-    numbers = [float(part) for part in parts]
-    return _finite(name, np.array(numbers[0] if len(numbers) == 1 else numbers))
+    parts = text.split(",")
+    if not _LIST.fullmatch(text):
+        # a "+" that nobody escaped arrives as a space: 1e+2 must not be refused for that
+        parts = [re.sub(r"(?<=[eE]) ", "+", part.strip()) for part in parts]
+        for index, part in enumerate(parts):
+            if not _ONE.fullmatch(part):
+                got = "something else" if part else "nothing"
+                said = f"expected a decimal number, got {got}; several values are separated by commas"
+                raise _no_number(name, len(parts), index, said, got=part[:80], expected="a decimal number")
+    numbers = [*map(float, parts)]
+    if math.inf in numbers or -math.inf in numbers:
+        index = [*map(math.isinf, numbers)].index(True)
+        expected = "a number that a float64 holds"
+        raise _no_number(name, len(parts), index, "is larger than any float64", expected=expected)
+    made: Any = np.array(numbers) if len(numbers) > 1 else np.float64(numbers[0])  # which is of shape () too
+    return made  # type: ignore[no-any-return]
 
 
-def _finite(name: str, numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    if not np.isfinite(numbers).all():
-        place = np.flatnonzero(~np.isfinite(numbers))[0] if numbers.ndim else 0
-        said = f"{name}{f'[{place}]' if numbers.ndim else ''}: is larger than any float64"
-        index = [int(place)] if numbers.ndim else []
-        raise bc.InputError("not_a_number", said, where=name, index=index, expected="a number that a float64 holds")
-    return numbers
+def _no_number(name: str, count: int, index: int, said: str, **context: str) -> bc.InputError:
+    place, at = (f"{name}[{index}]", [index]) if count > 1 else (name, [])
+    return bc.InputError("not_a_number", f"{place}: {said}", where=name, index=at, **context)
 
 
 def numbers(description: str, *, default: Any = PydanticUndefined, example: str | None = None) -> Any:

@@ -71,14 +71,15 @@ class Folder(Store):
         raise MaterialDamagedError("material_ambiguous", text, where="name", got=name)
 
     def stamp(self, file: str) -> tuple[int, ...]:
-        try:
-            info = os.stat(self._prefix + file)
-        except OSError:
-            return ()
-        return info.st_ino, info.st_mtime_ns, info.st_ctime_ns, info.st_size
+        with contextlib.suppress(OSError):
+            return _stamp(os.stat(self._prefix + file))
+        return ()
 
     def same(self, file: File) -> bool:
-        return _file(file.path, file.kind) == file
+        try:
+            return _stamp(os.stat(file.path)) == file.stamp
+        except (OSError, ValueError):
+            return False
 
     def fetch(self, name: str, into: Path) -> Path | None:
         file = self.find(name)
@@ -209,7 +210,11 @@ def _file(path: str, kind: Kind) -> File | None:
         return None
     if not stat.S_ISREG(info.st_mode):  # opening a FIFO would wait for ever
         return None
-    return File(path, kind, (info.st_ino, info.st_mtime_ns, info.st_ctime_ns, info.st_size))
+    return File(path, kind, _stamp(info))
+
+
+def _stamp(info: os.stat_result) -> tuple[int, ...]:
+    return info.st_ino, info.st_mtime_ns, info.st_ctime_ns, info.st_size
 
 
 def _cannot(what: Literal["read", "written"], error: OSError) -> bc.StorageError:

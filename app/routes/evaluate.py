@@ -106,9 +106,9 @@ async def evaluate(request: Request, address: Address) -> Response:
     values = points * channels * (2 if beside.uncertainty else 1)
     # before it is ready a kernel may have to be compiled first
     inline = values <= INLINE_VALUES[material.facts["kind"]] and state.ready
-    answering = partial(answer, material, asked, points, kind, beside, inline=inline, lasting=lasting)
+    how = material, asked, points, kind, beside, inline, lasting
     limiter = state.large if values > _LARGE_VALUES else state.working
-    made = answering() if inline else await run_sync(answering, limiter=limiter)
+    made = answer(*how) if inline else await run_sync(answer, *how, limiter=limiter)
     state.metrics.lookups += points
     state.metrics.lookup_seconds += made.seconds
     request.scope["brdf.lookup_seconds"] = made.seconds

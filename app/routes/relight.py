@@ -9,11 +9,12 @@ from typing import Annotated, Any
 import numpy as np
 import numpy.typing as npt
 from anyio.to_thread import run_sync
+from brdf_service.evaluate.answer import array_to_json
 from brdf_service.evaluate.binary_body import map_from_npy
 from brdf_service.evaluate.directions import check_points, check_values
 from brdf_service.http.bodies import read_array, read_bytes
 from brdf_service.http.errors import MediaTypeError
-from brdf_service.http.json import array_to_json, model_from_json, to_json
+from brdf_service.http.json import model_from_json, to_json
 from brdf_service.http.negotiation import MEDIA_TYPES, kind_of_body
 from brdf_service.http.openapi import operation
 from brdf_service.http.query import Numbers, Query, WholeNumber, numbers, parse_query

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from anyio.to_thread import run_sync
-from brdf_service.http.bodies import pieces, read_json_body
+from brdf_service.http.bodies import in_time, pieces, read_json_body
 from brdf_service.http.caching import etag_of_material
 from brdf_service.http.errors import MediaTypeError
 from brdf_service.http.json import model_from_json, to_json, validated
@@ -129,9 +129,7 @@ async def upload(request: Request) -> Response:
     async with new_job(state, "upload", name, condition) as job:
         path = job.folder / name  # the readers tell the file by this name
         try:
-            with path.open("xb") as file:  # nothing of it is kept in memory
-                async for piece in pieces(request, settings.max_upload_bytes, settings.upload_seconds, held=False):
-                    await run_sync(file.write, piece)
+            await in_time(_receive(request, path, settings.max_upload_bytes), settings.upload_seconds)
         except OSError as error:
             raise state.writer.store.failed(error) from error
         await run_sync(_check_file, path, asked.format, asked.options or {}, settings)
@@ -166,6 +164,12 @@ def _writer(request: Request, query: type[Q]) -> tuple[State, str, Condition, Q]
     asked = parse_query(request.scope["query_string"], query)
     check_name(name)
     return state, name, Condition.of(request.headers), asked
+
+
+async def _receive(request: Request, path: Path, limit: int) -> None:
+    with path.open("xb") as file:  # nothing of it is kept in memory
+        async for piece in pieces(request, limit, held=False):
+            await run_sync(file.write, piece)
 
 
 def _put_model(state: State, name: str, model: bc.Brdf, condition: Condition) -> Response:

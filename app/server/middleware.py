@@ -8,12 +8,15 @@ import re
 import secrets
 import time
 from itertools import count
+from typing import cast
 
 from brdf_service.http.errors import problem
 from brdf_service.http.metrics import NO_ROUTE
 from brdf_service.http.security import ALWAYS, check_host
 from brdf_service.server.request_log import RequestLog
 from brdf_service.state import State
+from fastapi import FastAPI
+from starlette.middleware.errors import ServerErrorMiddleware
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -30,6 +33,25 @@ _NO_STORE = (b"cache-control", b"no-store")
 _HOSTS_KEPT = 64
 #: Status in the log of a caller who went away before there was an answer.
 _GONE = 499
+
+
+class Service(FastAPI):
+    """The framework's application inside our own layers, which come before all of its own: those cost as much as a
+    look-up, and take an error that nobody foresaw from the layer that tells of it."""
+
+    layers: ASGIApp
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        scope["app"] = self
+        await self.layers(scope, receive, send)
+
+    async def framework(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """What the framework alone answers."""
+        await super().__call__(scope, receive, send)
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """Its layers without the outermost, which answers such errors itself."""
+        return cast(ServerErrorMiddleware, super().build_middleware_stack()).app
 
 
 class RequestMiddleware:
@@ -61,14 +83,17 @@ class RequestMiddleware:
             nonlocal status, sent
             if message["type"] == "http.response.start":
                 status = message["status"]
-                headers = message["headers"] = [*message["headers"], *_ALWAYS, (b"x-request-id", request_id.encode())]
-                if b"cache-control" not in [name for name, _ in headers]:
-                    headers.append(_NO_STORE)
-                lookup = scope.get("brdf.lookup_seconds")
-                timing = f"app;dur={1000 * (time.perf_counter() - begun):.3f}"
+                lookup, spent = scope.get("brdf.lookup_seconds"), 1000 * (time.perf_counter() - begun)
+                timing = b"app;dur=%.3f" % spent
                 if lookup is not None:
-                    timing = f"lookup;dur={1000 * lookup:.3f}, {timing}"
-                headers.append((b"server-timing", timing.encode()))
+                    timing = b"lookup;dur=%.3f, %b" % (1000 * lookup, timing)
+                own = *_ALWAYS, (b"x-request-id", request_id.encode()), (b"server-timing", timing)
+                headers = message["headers"] = [*message["headers"], *own]
+                for name, _ in headers:
+                    if name == b"cache-control":
+                        break
+                else:
+                    headers.append(_NO_STORE)
             else:
                 sent += len(message.get("body", b""))
             await send(message)
@@ -92,7 +117,8 @@ class RequestMiddleware:
             route = str(scope.get("brdf.route") or getattr(scope.get("route"), "path", NO_ROUTE))
             seconds = time.perf_counter() - begun
             metrics.running -= 1
-            self.state.bodies.release(scope)
+            if "brdf.held" in scope:
+                self.state.bodies.release(scope)
             metrics.request(route, method, status or _GONE, seconds, sent)
             if self.request_log is not None:
                 self.request_log.request(request_id, method, route, status or _GONE, seconds, sent)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from brdf_service.main import create_app
-from brdf_service.routes.evaluate import EvaluateShortCut
+from brdf_service.server.middleware import RequestMiddleware
 from brdf_service.settings import Settings
 from hypothesis import given
 from hypothesis import strategies as st
@@ -27,8 +27,7 @@ Both = tuple[TestClient, TestClient]
 def both(original: Path) -> Iterator[Both]:
     """A service, and one whose framework answers all."""
     short, long = (create_app(Settings(data=original), warm=False) for _ in range(2))
-    long.user_middleware = [m for m in long.user_middleware if m.cls is not EvaluateShortCut]
-    assert len(long.user_middleware) == len(short.user_middleware) - 1
+    long.layers = RequestMiddleware(long.framework, long.state.brdf, None)
     url = "http://127.0.0.1:8000"
     with TestClient(short, url, False) as one, TestClient(long, url, False) as other:
         yield one, other
