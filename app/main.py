@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -25,6 +26,7 @@ from brdf_service.work.jobs import Jobs
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 _ROUTED = (evaluate, relight, materials, writing, pareto, jobs, health, pages)
 
@@ -61,6 +63,7 @@ def create_app(
     app = Service(docs_url=None, redoc_url=None, redirect_slashes=False, lifespan=lifespan, **off)
     app.state.brdf = state
     app.layers = RequestMiddleware(evaluate.EvaluateShortCut(app.framework), state, request_log)
+    app.add_middleware(ProxyHeadersMiddleware, os.environ.get("FORWARDED_ALLOW_IPS", "127.0.0.1,::1"))
     app.add_exception_handler(HTTPException, _refused_by_router)
     for module in _ROUTED:
         app.include_router(module.router)

@@ -153,21 +153,24 @@ def no_angle_options(unit: Unit | None, outside: Outside, beside: Mapping[str, b
 
 def check_points(count: int, settings: Settings) -> None:
     """`LimitError` if there are more points than the service takes in one request."""
-    _check("too_many_points", "points", count, settings.max_points, "points in one request", "send them in several")
+    if count > settings.max_points:
+        raise _too_many("points", "points", count, settings.max_points, "points in one request", "send them in several")
 
 
 def check_values(count: int, settings: Settings) -> None:
     """`LimitError` if an answer would hold more values than the service gives in one."""
-    hint = "ask for fewer points, or for one channel where the path takes one"
-    _check("too_many_values", "values", count, settings.max_values, "values (points x channels) in the answer", hint)
+    if count > settings.max_values:
+        hint, what = "ask for fewer points, or for one channel where the path takes one", "values (points x channels)"
+        raise _too_many("values", "values", count, settings.max_values, f"{what} in the answer", hint)
 
 
 def check_incidences(theta_i: Array, settings: Settings) -> None:
     """`LimitError` if there are more angles of incidence than the service takes in one request."""
-    hint = "ask for the others in another request"
-    _check("too_many_slices", "theta_i", theta_i.size, settings.max_theta_i, "angles of incidence", hint)
+    if theta_i.size > settings.max_theta_i:
+        hint = "ask for the others in another request"
+        raise _too_many("slices", "theta_i", theta_i.size, settings.max_theta_i, "angles of incidence", hint)
 
 
-def _check(code: str, where: str, got: int, limit: int, what: str, hint: str) -> None:
-    if got > limit:
-        raise bc.LimitError(code, f"{got} {what}; the limit is {limit}; {hint}", where=where, got=got, limit=limit)
+def _too_many(code: str, where: str, got: int, limit: int, what: str, hint: str) -> bc.LimitError:
+    text = f"{got} {what}; the limit is {limit}; {hint}"
+    return bc.LimitError(f"too_many_{code}", text, where=where, got=got, limit=limit)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
 from urllib.parse import parse_qsl
@@ -40,12 +41,12 @@ Q = TypeVar("Q", bound=Query)
 def parse_query(query: bytes, model: type[Q]) -> Q:
     """The parameters of a query string. A misspelt or repeated one is an error: ignoring it would answer another
     question than the one asked."""
-    given: dict[str, Any] = {}
-    for name, text in _pairs(query):
-        if name in given:
-            once = f"{name[:80]} is given twice; several values are separated by commas"
-            raise bc.InputError("parameter_twice", once, where=name[:80], expected=f"{name[:80]} once")
-        given[name] = text
+    pairs = _pairs(query)
+    given = dict(pairs)
+    if len(given) < len(pairs):
+        twice = next(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)[:80]
+        once = f"{twice} is given twice; several values are separated by commas"
+        raise bc.InputError("parameter_twice", once, where=twice, expected=f"{twice} once")
     try:
         return model.model_validate(given)
     except ValidationError as error:
@@ -55,9 +56,9 @@ def parse_query(query: bytes, model: type[Q]) -> Q:
 def _pairs(query: bytes) -> list[tuple[str, str]]:
     text = query.decode("latin-1")
     if len(text) < _SHORT and "%" not in text and "+" not in text:  # what parse_qsl gives, in a fifth of its time
-        fields = [field.partition("=") for field in text.split("&") if field]
+        fields = [field.partition("=")[::2] for field in text.split("&") if field]
         if len(fields) <= _MOST_PARAMETERS:
-            return [(name, value) for name, _, value in fields]
+            return fields
     try:
         return parse_qsl(text, keep_blank_values=True, max_num_fields=_MOST_PARAMETERS)
     except ValueError as error:
@@ -70,10 +71,10 @@ def _explained(error: ValidationError, model: type[Query], given: Mapping[str, A
     found = error.errors(include_url=False)
     # what is not known comes first: it may be a misspelt name of what is missing
     first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
-    raised = first.get("ctx", {}).get("error")
-    if isinstance(raised, bc.BrdfError):  # from a parser of ours
-        return raised
     name = str(first["loc"][0]) if first["loc"] else "query"
+    raised = first.get("ctx", {}).get("error")
+    if isinstance(raised, bc.InputError):  # from a parser of ours, which does not know the name
+        return bc.InputError(raised.code, f"{name}{raised.detail}", where=name, **raised.context)
     if first["type"] == "extra_forbidden":
         known = ", ".join(model.model_fields) or "none"
         said = f"the query has a parameter that this path does not know; it takes: {known}"
@@ -122,8 +123,15 @@ def openapi_parameters(model: type[Query]) -> list[dict[str, Any]]:
     ]
 
 
-def parse_numbers(name: str, text: str) -> npt.NDArray[np.float64]:
+def numbers(description: str, *, default: Any = PydanticUndefined, example: str | None = None) -> Any:
+    """A field of numbers separated by commas; its type is `Numbers`."""
+    return Field(default, description=description, examples=[example] if example else None, validate_default=False)
+
+
+def _numbers(text: Any) -> Any:
     """ "30" as an array of shape (), "30,45" of shape (2,)."""
+    if not isinstance(text, str):
+        return text
     parts = text.split(",")
     if not _LIST.fullmatch(text):
         # a "+" that nobody escaped arrives as a space: 1e+2 must not be refused for that
@@ -132,38 +140,27 @@ def parse_numbers(name: str, text: str) -> npt.NDArray[np.float64]:
             if not _ONE.fullmatch(part):
                 got = "something else" if part else "nothing"
                 said = f"expected a decimal number, got {got}; several values are separated by commas"
-                raise _no_number(name, len(parts), index, said, got=part[:80], expected="a decimal number")
-    numbers = [*map(float, parts)]
-    if math.inf in numbers or -math.inf in numbers:
-        index = [*map(math.isinf, numbers)].index(True)
-        expected = "a number that a float64 holds"
-        raise _no_number(name, len(parts), index, "is larger than any float64", expected=expected)
-    made: Any = np.array(numbers) if len(numbers) > 1 else np.float64(numbers[0])  # which is of shape () too
-    return made  # type: ignore[no-any-return]
+                raise _no_number(len(parts), index, said, got=part[:80], expected="a decimal number")
+    made = [*map(float, parts)]
+    if math.inf in made or -math.inf in made:
+        index, said = [*map(math.isinf, made)].index(True), "is larger than any float64"
+        raise _no_number(len(parts), index, said, expected="a number that a float64 holds")
+    return np.array(made) if len(made) > 1 else np.float64(made[0])  # which is of shape () too
 
 
-def _no_number(name: str, count: int, index: int, said: str, **context: str) -> bc.InputError:
-    place, at = (f"{name}[{index}]", [index]) if count > 1 else (name, [])
-    return bc.InputError("not_a_number", f"{place}: {said}", where=name, index=at, **context)
+def _no_number(count: int, index: int, said: str, **context: str) -> bc.InputError:
+    at = [index] if count > 1 else []
+    return bc.InputError("not_a_number", f"{at or ''}: {said}", index=at, **context)
 
 
-def numbers(description: str, *, default: Any = PydanticUndefined, example: str | None = None) -> Any:
-    """A field of numbers separated by commas; its type is `Numbers`."""
-    return Field(default, description=description, examples=[example] if example else None, validate_default=False)
-
-
-def _numbers(text: Any, info: Any) -> Any:
-    return parse_numbers(info.field_name, text) if isinstance(text, str) else text
-
-
-def _object(text: Any, info: Any) -> Any:
+def _object(text: Any) -> Any:
     try:
         value = json.loads(text) if len(text) <= _LONGEST_OBJECT else None
     except (ValueError, RecursionError):
         value = None
     if not isinstance(value, dict):
-        name, expected = info.field_name, f"a JSON object of at most {_LONGEST_OBJECT} characters"
-        raise bc.InputError("bad_object", f"{name}: expected {expected}", where=name, got=text[:80], expected=expected)
+        expected = f"a JSON object of at most {_LONGEST_OBJECT} characters"
+        raise bc.InputError("bad_object", f": expected {expected}", got=text[:80], expected=expected)
     return value
 
 

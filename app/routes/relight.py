@@ -42,8 +42,7 @@ _COST = 10
 
 def _in_threes(given: Floats) -> Floats:
     if given.size % 3:
-        said = f"expected x,y,z,x,y,z,..., got {given.size} numbers"
-        raise bc.InputError("not_vectors", said, where="query", got=given.size)
+        raise bc.InputError("not_vectors", f": expected x,y,z,x,y,z,..., got {given.size} numbers", got=given.size)
     return given.reshape(-1, 3)
 
 

@@ -72,7 +72,10 @@ class RequestMiddleware:
                 hosts.append(value)
             elif name == b"x-request-id":
                 given = value
-        request_id = given.decode() if _REQUEST_ID.fullmatch(given) else f"{_PROCESS}{next(_COUNT) & 0xFFFFFFFF:08x}"
+        if given and _REQUEST_ID.fullmatch(given):
+            request_id = given.decode()
+        else:
+            request_id = f"{_PROCESS}{next(_COUNT) & 0xFFFFFFFF:08x}"
         method: str = scope["method"]
         if method == "HEAD":
             scope = {**scope, "method": "GET"}  # whose body the server drops: it keeps the scope as it was

@@ -128,12 +128,14 @@ class _Server(uvicorn.Server):
 
 
 def server_options(settings: Settings) -> dict[str, Any]:
-    """Options of the server that change how it speaks: our protocol, where its parser is installed."""
-    if find_spec("httptools") is None:
-        return {"ws": "none"}
-    from brdf_service.server.deadlines import protocol
+    """Options of the server that change how it speaks: our protocol, where its parser is installed. The application
+    reads a proxy's headers itself, where it needs them."""
+    options: dict[str, Any] = {"ws": "none", "proxy_headers": False}
+    if find_spec("httptools") is not None:
+        from brdf_service.server.deadlines import protocol
 
-    return {"ws": "none", "http": protocol(settings)}
+        options["http"] = protocol(settings)
+    return options
 
 
 def run(app: ASGIApp, state: State, listener: socket.socket) -> None:
