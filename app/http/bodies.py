@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import ctypes
 from collections.abc import AsyncIterator, Awaitable
 from typing import TypeVar
 
@@ -15,6 +17,8 @@ from starlette.types import Scope
 
 import brdfcore as bc
 
+#: Bytes of bodies after which memory is given back, and seconds until then: the last answer may hold some still.
+_MUCH, _AFTER = 32 * 2**20, 1.0
 Bytes = npt.NDArray[np.uint8]
 T = TypeVar("T")
 
@@ -24,6 +28,7 @@ class Room:
 
     def __init__(self, most: int) -> None:
         self.most, self.held = most, 0
+        self._taken = 0  # since memory was last given back
 
     def take(self, scope: Scope, count: int) -> None:
         """Hold so many bytes more for a request; `BusyError` if there is no room for them."""
@@ -31,11 +36,22 @@ class Room:
             said = f"bodies of {self.held} bytes are held already; the limit is {self.most}; try again later"
             raise BusyError("bodies_full", said, where="body", limit=self.most, retry_after=2, rest_unread=True)
         self.held += count
+        self._taken += count
         scope["brdf.held"] = scope.get("brdf.held", 0) + count
 
     def release(self, scope: Scope) -> None:
-        """A request has ended."""
+        """A request has ended. What many bodies took goes back to the system when the last of them is gone: the C
+        library would keep it."""
         self.held -= scope.pop("brdf.held", 0)
+        if self._taken >= _MUCH and not self.held:
+            self._taken = 0
+            loop = asyncio.get_running_loop()
+            loop.call_later(_AFTER, loop.run_in_executor, None, _give_back)
+
+
+def _give_back() -> None:
+    with contextlib.suppress(OSError, AttributeError):  # another C library
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 async def read_json_body(request: Request, limit: int, seconds: float) -> bytes:

@@ -17,7 +17,9 @@ from typing import Any
 from brdf_service.http.errors import MaterialDamagedError, NotFoundError, NotReadyError, describe
 from brdf_service.library.lru import keep
 from brdf_service.library.store import File, Names, Store
+from brdf_service.schemas.materials import MeasuredError
 from cachetools import LRUCache
+from pydantic import ValidationError
 
 import brdfcore as bc
 
@@ -270,7 +272,12 @@ def open_material(name: str, file: File) -> Material:
         id, nbytes = _digest(of), 0
     facts = {"name": name, "kind": file.kind, "id": id, "nbytes": nbytes, "error": {}, "source": {}, **brdf.describe()}
     facts["id"] = id
-    facts["warnings"] = [str(text) for text in getattr(brdf, "report", {}).get("warnings", ())][:_MOST_WARNINGS]
+    facts["warnings"] = [str(text) for text in brdf.report.get("warnings", ())][:_MOST_WARNINGS]
+    try:
+        MeasuredError.model_validate(facts["error"])
+    except ValidationError:  # a file from outside may say anything
+        facts["error"] = {}
+        facts["warnings"].append("what the file says of its measured error is not in the form that is read here")
     # a number of a list takes as much again as its text: parameters and channels weigh, not only arrays
     held = nbytes + 4 * len(_text(facts)) + _LEAST_BYTES
     return Material(name, file, brdf, id, nbytes, facts, _digest(facts), held)

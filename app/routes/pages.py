@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -16,6 +17,7 @@ from brdf_service.http.query import NoQuery, Query, WholeNumber, parse_query
 from brdf_service.http.security import NO_REFERRER, PAGE_POLICY
 from brdf_service.routes.address import by_name
 from brdf_service.routes.materials import RESOURCES, page_of
+from brdf_service.schemas.materials import MeasuredError
 from brdf_service.state import state_of
 from fastapi import APIRouter
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -82,6 +84,7 @@ async def material(request: Request) -> Response:
         channel=picked,
         channels={"": "default"} | named,
         labels=channels.labels(),
+        errors=_errors(found.facts["error"]),
         # the measured angles only where there are some
         resources=[r for r in RESOURCES if r.title and (not r.name.startswith("coverage") or "coverage" in report)],
     )
@@ -122,9 +125,8 @@ def _shown(facts: Mapping[str, Any]) -> dict[str, Any]:
     """What the pages say of a material, in words."""
     if "problem" in facts:
         return {"name": facts["name"], "problem": facts["problem"]["detail"]}
-    exact, measured = facts["kind"] == "model", facts["error"] if isinstance(facts["error"], dict) else {}
-    l1, warnings = measured.get("l1"), measured.get("warnings", [])
-    error = f"L1 {l1:.2g}" if isinstance(l1, (int, float)) else "not measured"
+    exact, l1 = facts["kind"] == "model", facts["error"].get("l1")
+    error = "not measured" if l1 is None else f"L1 {float(l1):.2g}"
     size = "none: a formula" if exact else _bytes(float(facts["nbytes"]))
     shown = {
         "channels": _channels(facts),
@@ -149,10 +151,30 @@ def _shown(facts: Mapping[str, Any]) -> dict[str, Any]:
         "kind": facts["kind"],
         "path": f"/v1/materials/{facts['name']}",
         "has_delta": bool(facts.get("has_delta")),
-        "warnings": [str(w) for w in (*(warnings if isinstance(warnings, list) else []), *facts.get("warnings", ()))],
+        "warnings": [*facts["error"].get("warnings", ()), *facts["warnings"]],
         "about": _about(facts),
         "facts": table,
     }
+
+
+def _errors(error: Mapping[str, Any]) -> list[dict[str, str]]:
+    """A table's measured error at each angle of incidence, the stated ones and those between them, in words."""
+    measured = MeasuredError.model_validate(error)
+    rows = sorted((*measured.by_theta_i, *measured.between), key=lambda row: row.theta_i)
+
+    def percent(share: float | None, stderr: float | None = None) -> str:
+        if share is None:
+            return "unknown"
+        return f"{100 * share:.2g} %" if stderr is None else f"{100 * share:.2g} ± {100 * stderr:.1g} %"
+
+    return [
+        {
+            "theta_i": f"{math.degrees(row.theta_i):.3g}",
+            "l1": percent(row.l1, row.l1_stderr),
+            "albedo_error": percent(row.albedo_error),
+        }
+        for row in rows
+    ]
 
 
 def _about(facts: Mapping[str, Any]) -> str:

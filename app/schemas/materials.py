@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from brdf_service.schemas.base import Strict
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 
 class Fault(Strict):
@@ -13,6 +13,28 @@ class Fault(Strict):
 
     code: str
     detail: str
+
+
+class IncidenceError(BaseModel):
+    """Measured error of a table under light from one angle."""
+
+    theta_i: float = Field(description="radians, as the library's `Table.error` has them")
+    l1: float | None = Field(description="misplaced energy, as a fraction of what is reflected there")
+    l1_stderr: float | None
+    albedo_ratio: list[float | None] = Field(description="albedo of the table over that of its source, by channel")
+    albedo_error: float | None = Field(description="how far the albedo is off, as a fraction; of the worst channel")
+
+
+class MeasuredError(BaseModel):
+    """Measured error of a table against its source, as the library's `Table.error`; empty where there is none."""
+
+    model_config = ConfigDict(extra="allow")
+
+    l1: float | None = Field(None, description="misplaced energy, as a fraction of the reflected energy")
+    l1_stderr: float | None = None
+    by_theta_i: list[IncidenceError] = Field([], description="by angle of incidence")
+    between: list[IncidenceError] = Field([], description="the same at angles between those, where no node is")
+    warnings: list[str] = Field([], description="sentences for a person, if the table is bad")
 
 
 class MaterialLine(BaseModel):
@@ -23,7 +45,7 @@ class MaterialLine(BaseModel):
     id: str | None = None
     nbytes: int | None = Field(None, description="bytes a look-up touches; 0 for a model")
     channels: list[str | float] | None = None
-    error: dict[str, Any] | None = None
+    error: MeasuredError | None = None
     warnings: list[str] = Field([], description="what the reader of its file doubts, in sentences")
     problem: Fault | None = Field(None, description="present if the file cannot be used")
     links: dict[str, str] = Field(description="paths of this material's answers")

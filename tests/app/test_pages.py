@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -132,6 +133,25 @@ def test_material_page_shows_what_is_asked(shared_client: TestClient) -> None:
     assert page.images == ["/v1/materials/red/slice.svg?theta_i=45&view=hemisphere&scale=linear&channel=B", SPHERE]
     default = page_of(shared_client, "/materials/red?channel=")
     assert default.images == ["/v1/materials/red/slice.svg?theta_i=0,30,60&view=polar&scale=log", SPHERE]
+
+
+def test_error_by_angle_of_incidence(shared_client: TestClient) -> None:
+    """The page has a row for each angle that the metadata tells of, in order and in degrees; a model has none."""
+    error = shared_client.get("/v1/materials/red").json()["error"]
+    assert error["between"]
+    rows = sorted(error["by_theta_i"] + error["between"], key=lambda row: float(row["theta_i"]))
+    text = shared_client.get("/materials/red").text
+    shown = re.findall(r"<tr><td>([\d.]+)°</td><td>([^<]+) ± ([^<]+) %</td><td>([^<]+) %</td></tr>", text)
+    assert len(shown) == len(rows)
+    for (theta, l1, stderr, albedo), row in zip(shown, rows, strict=True):
+        for got, expected, rel in (
+            (theta, math.degrees(row["theta_i"]), 0.01),
+            (l1, 100 * row["l1"], 0.06),
+            (stderr, 100 * row["l1_stderr"], 0.6),
+            (albedo, 100 * row["albedo_error"], 0.06),
+        ):
+            assert float(got) == pytest.approx(expected, rel=rel)
+    assert "by angle of incidence" not in shared_client.get("/materials/gold").text
 
 
 def test_material_page_refusals(shared_client: TestClient) -> None:
