@@ -52,4 +52,4 @@ class State:
 
 def state_of(request: Request) -> State:
     """The state of the application that a request belongs to."""
-    return cast(State, request.app.state.brdf)
+    return cast(State, request.scope["brdf"])

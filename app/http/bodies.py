@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 from brdf_service.http.errors import BusyError, MediaTypeError, SlowBodyError
+from brdf_service.http.negotiation import media_type_of
 from brdf_service.settings import Settings
 from starlette.requests import ClientDisconnect, Request
 from starlette.types import Scope
@@ -56,7 +57,7 @@ def _give_back() -> None:
 
 async def read_json_body(request: Request, limit: int, seconds: float) -> bytes:
     """The body of a JSON request. Raises `MediaTypeError` for another type, and what `pieces` raises."""
-    media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    media_type = media_type_of(request.scope["headers"])
     if media_type != "application/json":
         raise MediaTypeError(
             "unsupported_media_type",
@@ -142,7 +143,7 @@ async def pieces(request: Request, limit: int, *, held: bool = True) -> AsyncIte
         got, where = encoding[:80], "Content-Encoding"
         raise MediaTypeError("encoding_refused", said, where=where, got=got, expected="identity", rest_unread=True)
     _check(_announced(request) or 0, limit)
-    room: Room | None = request.scope["app"].state.brdf.bodies if held else None
+    room: Room | None = request.scope["brdf"].bodies if held else None
     receive, count, more = request.receive, 0, True
     while more:
         message = await receive()

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Literal
 
 from brdf_service.http.errors import MediaTypeError, NotAcceptableError
-from starlette.datastructures import Headers
 
 Kind = Literal["json", "octet", "npy"]
 
@@ -22,9 +22,15 @@ _QUALITY = re.compile(r"\s*q\s*=\s*([01](?:\.[0-9]{0,3})?)\s*", re.IGNORECASE)
 _MOST_RANGES = 32
 
 
-def kind_of_body(headers: Headers) -> Kind:
+def media_type_of(headers: Iterable[tuple[bytes, bytes]]) -> str:
+    """What Content-Type says, without its parameters."""
+    given = next((value for name, value in headers if name == b"content-type"), b"")
+    return given.decode("latin-1").partition(";")[0].strip().lower()
+
+
+def kind_of_body(headers: Iterable[tuple[bytes, bytes]]) -> Kind:
     """Kind of the request's body, by its Content-Type. Raises `MediaTypeError`."""
-    media_type = headers.get("content-type", "").partition(";")[0].strip().lower()
+    media_type = media_type_of(headers)
     if media_type not in _KINDS:
         raise MediaTypeError(
             "unsupported_media_type",
@@ -36,12 +42,12 @@ def kind_of_body(headers: Headers) -> Kind:
     return _KINDS[media_type]
 
 
-def kind_of_answer(headers: Headers, default: Kind) -> Kind:
+def kind_of_answer(headers: Iterable[tuple[bytes, bytes]], default: Kind) -> Kind:
     """Kind that the Accept header likes best; `default` if it takes anything, or is not there.
 
     Raises `NotAcceptableError` if it takes none of the three.
     """
-    given = [value for name, value in headers.raw if name == b"accept"]
+    given = [value for name, value in headers if name == b"accept"]
     if not given:
         return default
     accept = b",".join(given).decode("latin-1")

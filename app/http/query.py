@@ -7,7 +7,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, cast
 from urllib.parse import parse_qsl
 
 import numpy as np
@@ -48,7 +48,7 @@ def parse_query(query: bytes, model: type[Q]) -> Q:
         once = f"{twice} is given twice; several values are separated by commas"
         raise bc.InputError("parameter_twice", once, where=twice, expected=f"{twice} once")
     try:
-        return model.model_validate(given)
+        return cast(Q, model.__pydantic_validator__.validate_python(given))
     except ValidationError as error:
         raise _explained(error, model, given) from error
 

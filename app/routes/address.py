@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from anyio.to_thread import run_sync
 from brdf_service.library.materials import Material
-from brdf_service.state import State
+from brdf_service.state import state_of
 from starlette.requests import Request
 
 import brdfcore as bc
@@ -28,16 +28,14 @@ class Found(NamedTuple):
 
 async def by_name(request: Request) -> Found:
     """The material of /v1/materials/{name}; off the event loop if its file has to be read."""
-    state: State = request.scope["app"].state.brdf
-    library, name = state.library, request.path_params["name"]
+    library, name = state_of(request).library, request.path_params["name"]
     material = library.peek(name)
     return Found(material if material is not None else await run_sync(library.get, name), False)
 
 
 async def by_id(request: Request) -> Found:
     """The material of /v1/tables/{id}; off the event loop if files have to be read."""
-    state: State = request.scope["app"].state.brdf
-    library, id = state.library, request.path_params["id"]
+    library, id = state_of(request).library, request.path_params["id"]
     material = library.peek_id(id)
     return Found(material if material is not None else await run_sync(library.get_id, id), True)
 

@@ -23,7 +23,7 @@ from brdf_service.http.openapi import Content, operation
 from brdf_service.http.query import ANGLES, OUTSIDE, Flag, Numbers, Outside, Query, Unit, numbers, parse_query
 from brdf_service.routes.address import ADDRESSES, Address
 from brdf_service.schemas.evaluate import EvaluateAnswer, EvaluateRequest, EvaluateVectors
-from brdf_service.state import State
+from brdf_service.state import State, state_of
 from fastapi import APIRouter
 from pydantic import Field
 from starlette.requests import Request
@@ -77,14 +77,14 @@ class EvaluateOptions(Query):
 
 async def evaluate(request: Request, address: Address) -> Response:
     """The answer to a GET or a POST."""
-    state: State = request.scope["app"].state.brdf
+    state = state_of(request)
     text = request.scope["query_string"]
     asked: Directions
     if request.scope["method"] == "GET":
         query = parse_query(text, EvaluateQuery)
         asked = Angles(query.theta_i, query.theta_o, query.delta_phi, query.angles, query.outside)
         beside = Beside(query.status, query.uncertainty)
-        kind = kind_of_answer(request.headers, "json")
+        kind = kind_of_answer(request.scope["headers"], "json")
         material, lasting = await address.find(request)
         headers = material_headers(request, material.id, material.tag, lasting, MEDIA_TYPES[kind])
         headers["vary"] = "Accept"
@@ -94,8 +94,8 @@ async def evaluate(request: Request, address: Address) -> Response:
         if unchanged is not None:
             return unchanged
     else:
-        options, sent = parse_query(text, EvaluateOptions), kind_of_body(request.headers)
-        kind, lasting = kind_of_answer(request.headers, sent), False
+        options, sent = parse_query(text, EvaluateOptions), kind_of_body(request.scope["headers"])
+        kind, lasting = kind_of_answer(request.scope["headers"], sent), False
         beside = Beside(options.status, options.uncertainty)
         material, _ = await address.find(request)
         asked, headers = await _body(request, sent, options, state), {"cache-control": "no-store"}

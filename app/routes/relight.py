@@ -74,7 +74,7 @@ async def relight(request: Request, address: Address) -> Response:
     state, settings = state_of(request), state_of(request).settings
     query = parse_query(request.scope["query_string"], RelightQuery)
     check_lmax(query.lmax, settings.max_lmax)
-    kind = kind_of_body(request.headers)
+    kind = kind_of_body(request.scope["headers"])
     if kind == "octet":
         raise MediaTypeError(
             "unsupported_media_type",

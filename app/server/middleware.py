@@ -79,7 +79,7 @@ class RequestMiddleware:
         method: str = scope["method"]
         if method == "HEAD":
             scope = {**scope, "method": "GET"}  # whose body the server drops: it keeps the scope as it was
-        scope["brdf.request_id"] = request_id
+        scope["brdf"], scope["brdf.request_id"] = self.state, request_id
         status = sent = 0
 
         async def send_with_headers(message: Message) -> None:
