@@ -33,7 +33,7 @@ FIRST_SECONDS = 0.08
 #: Weight of the last picture in the mean of their times.
 _WEIGHT = 0.1
 #: Seconds for which a caller waits: then the picture is still to be drawn, or it is drawn for who asks again.
-LONGEST_WAIT = 2.7
+LONGEST_WAIT = 2.5
 #: Seconds that one picture may take; the largest takes about one.
 PATIENCE = 20.0
 #: Processes: one for every two cores, as look-ups go first.
