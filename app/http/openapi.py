@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from typing import Any
 
 from brdf_service.http.errors import PROBLEM_TYPE
-from brdf_service.http.query import NoQuery, Query, openapi_parameters
+from brdf_service.http.query import NoQuery, Query, openapi_parameters, parse_query
 from brdf_service.schemas.service import Problem
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
+from starlette.requests import Request
+from starlette.responses import Response
 
 import brdfcore as bc
 
@@ -86,18 +88,19 @@ def operation(
     headers: Iterable[str] = (),
     refusals: Iterable[int] = (),
     cached: bool = False,
-    path: Iterable[Mapping[str, Any]] = (),
+    parameters: Iterable[Mapping[str, Any]] = (),
     query: type[Query] = NoQuery,
     body: tuple[Content, ...] = (),
     conditions: bool = False,
     more: Mapping[int | str, Any] = {},
+    tags: list[str] | None = None,
 ) -> dict[str, Any]:
-    """Arguments of a router's decorator for an operation that parses its own parameters.
+    """Arguments of `APIRouter.add_api_route` for an operation that parses its own parameters.
 
     answer, says, status, headers  of the good answer; `more`: others, by status.
     refusals    statuses of problems beside 421 and 422.
     cached      it has an ETag, and may be a 304.
-    path, query, body              what it takes; `conditions`: If-Match and If-None-Match too.
+    parameters, query, body  what it takes, parameters of the path first; `conditions`: If-Match, If-None-Match too.
     """
     good: dict[str, Any] = {"description": says or "done"}
     if answer:
@@ -115,11 +118,32 @@ def operation(
         for name, about in _CONDITIONS.items()
         if conditions
     ]
-    extra: dict[str, Any] = {"parameters": [*path, *openapi_parameters(query), *told]}
+    extra: dict[str, Any] = {"parameters": [*parameters, *openapi_parameters(query), *told]}
     if body:
         extra["requestBody"] = {"required": True, "content": content_of(*body)}
-    made = {"operation_id": id, "summary": summary, "description": description, "status_code": status}
+    made = {"operation_id": id, "summary": summary, "description": description, "status_code": status, "tags": tags}
     return {**made, "responses": responses, "openapi_extra": extra}
+
+
+Handler = Callable[[Request, Any], Awaitable[Response]]
+
+
+def route(
+    router: APIRouter, what: str, *about: str, query: type[Query] = NoQuery, **declared: Any
+) -> Callable[[Handler], Handler]:
+    """Decorator: `handler(request, asked)` answers `what`, "METHOD /path"; `asked` is its query as `query`. The rest as
+    `operation` takes it."""
+    method, _, path = what.partition(" ")
+
+    def add(handler: Handler) -> Handler:
+        async def endpoint(request: Request) -> Response:
+            return await handler(request, parse_query(request.scope["query_string"], query))
+
+        made = operation(*about, query=query, **declared)
+        router.add_api_route(path, endpoint, methods=[method], response_class=Response, **made)
+        return handler
+
+    return add
 
 
 def allowed_methods(document: Mapping[str, Any], path: str) -> list[str]:

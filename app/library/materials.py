@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from brdf_service.http.errors import MaterialDamagedError, NotFoundError, NotReadyError, describe
-from brdf_service.library.lru import keep
 from brdf_service.library.store import File, Names, Store
 from brdf_service.schemas.materials import MeasuredError
 from cachetools import LRUCache
@@ -246,7 +245,10 @@ class Library:
         """Keep a material that was read, as the one of this file."""
         material, name = replace(material, file=file), material.name
         with self._lock:
-            kept = keep(self._loaded, name, material)
+            self._loaded.pop(name, None)
+            kept = material.held_bytes <= self._loaded.maxsize
+            if kept:
+                self._loaded[name] = material
             self._known[name] = Listed(name, material.facts, file)
             before = self._ids.get(name)
             if before is not None and self._names_of.get(before[1]) == name:

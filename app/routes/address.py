@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from anyio.to_thread import run_sync
+from brdf_service.http.openapi import operation
 from brdf_service.library.materials import Material
 from brdf_service.state import state_of
+from fastapi import APIRouter
 from starlette.requests import Request
+from starlette.responses import Response
 
 import brdfcore as bc
 
@@ -77,3 +80,21 @@ BY_ID = Address(
     "id of the material: a digest of everything its values depend on, so that answers never change",
 )
 ADDRESSES = (BY_NAME, BY_ID)
+Handler = Callable[[Request, Address], Awaitable[Response]]
+
+
+def at_both(router: APIRouter, what: str, handler: Handler, id: str, *about: str, **declared: Any) -> None:
+    """Let `handler` answer `what`, "METHOD name", of a material by name and by id; the rest as `operation` takes it."""
+    method, _, name = what.partition(" ")
+    for address in ADDRESSES:
+        found_by, tags = [address.parameter], [address.label]
+        made = operation(f"{id}_{address.label}", *about, parameters=found_by, tags=tags, **declared)
+        path = f"{address.prefix}/{name}" if name else address.prefix
+        router.add_api_route(path, _bound(handler, address), methods=[method], response_class=Response, **made)
+
+
+def _bound(handler: Handler, address: Address) -> Any:
+    async def endpoint(request: Request) -> Response:
+        return await handler(request, address)
+
+    return endpoint

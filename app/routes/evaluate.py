@@ -19,9 +19,9 @@ from brdf_service.evaluate.json_body import Form, directions_from_json
 from brdf_service.http.bodies import read_array, read_json_numbers
 from brdf_service.http.caching import material_headers, not_modified
 from brdf_service.http.negotiation import MEDIA_TYPES, kind_of_answer, kind_of_body
-from brdf_service.http.openapi import Content, operation
+from brdf_service.http.openapi import Content
 from brdf_service.http.query import ANGLES, OUTSIDE, Flag, Numbers, Outside, Query, Unit, numbers, parse_query
-from brdf_service.routes.address import ADDRESSES, Address
+from brdf_service.routes.address import ADDRESSES, Address, at_both
 from brdf_service.schemas.evaluate import EvaluateAnswer, EvaluateRequest, EvaluateVectors
 from brdf_service.state import State, state_of
 from fastapi import APIRouter
@@ -160,43 +160,37 @@ _REFUSALS = (404, 406, 409, 413, 503)
 router = APIRouter()
 
 
-def _add(address: Address) -> None:
-    async def handler(request: Request) -> Response:
-        return await evaluate(request, address)
-
-    get = operation(
-        f"evaluate_get_{address.label}",
-        "f_r at the angles of the query",
-        "Lists are separated by commas and broadcast as in numpy: equal lengths, or one value for all. The Accept "
-        "header picks JSON, plain numbers or .npy.",
-        answer=_ANSWER,
-        says="values[point][channel]",
-        refusals=_REFUSALS,
-        cached=True,
-        path=[address.parameter],
-        query=EvaluateQuery,
-    )
-    post = operation(
-        f"evaluate_post_{address.label}",
-        "f_r at the angles of the body",
-        "For lists too long for a URL. JSON; or an octet-stream of three C-order rows theta_i, theta_o, delta_phi; or "
-        "a .npy file of shape (3, n). Vectors instead of angles: the JSON fields wi and wo, or with input=vectors two "
-        "C-order blocks wi and wo of (n, 3) numbers, or a .npy file of shape (2, n, 3). The Accept header picks the "
-        "kind of the answer, by default the body's own: JSON; an octet-stream of values[point][channel]; or a .npy "
-        "file. With status=true one byte a point follows the values, or a .npy of them; with uncertainty=true the half-"
-        "widths "
-        "of 95 % intervals follow as the values do, after the status if both are asked for. The headers X-Brdf-Shape, "
-        "-Dtype, -Channels, -Angles, -Id, -Error and -Has-Delta say the rest.",
-        answer=_ANSWER,
-        says="values[point][channel]",
-        refusals=(400, 408, 415, *_REFUSALS),
-        path=[address.parameter],
-        query=EvaluateOptions,
-        body=_BODY,
-    )
-    for method, declared in (("GET", get), ("POST", post)):
-        router.add_api_route(f"{address.prefix}/evaluate", handler, methods=[method], tags=[address.label], **declared)
-
-
-for _address in ADDRESSES:
-    _add(_address)
+at_both(
+    router,
+    "GET evaluate",
+    evaluate,
+    "evaluate_get",
+    "f_r at the angles of the query",
+    "Lists are separated by commas and broadcast as in numpy: equal lengths, or one value for all. The Accept "
+    "header picks JSON, plain numbers or .npy.",
+    answer=_ANSWER,
+    says="values[point][channel]",
+    refusals=_REFUSALS,
+    cached=True,
+    query=EvaluateQuery,
+)
+at_both(
+    router,
+    "POST evaluate",
+    evaluate,
+    "evaluate_post",
+    "f_r at the angles of the body",
+    "For lists too long for a URL. JSON; or an octet-stream of three C-order rows theta_i, theta_o, delta_phi; or "
+    "a .npy file of shape (3, n). Vectors instead of angles: the JSON fields wi and wo, or with input=vectors two "
+    "C-order blocks wi and wo of (n, 3) numbers, or a .npy file of shape (2, n, 3). The Accept header picks the "
+    "kind of the answer, by default the body's own: JSON; an octet-stream of values[point][channel]; or a .npy "
+    "file. With status=true one byte a point follows the values, or a .npy of them; with uncertainty=true the half-"
+    "widths "
+    "of 95 % intervals follow as the values do, after the status if both are asked for. The headers X-Brdf-Shape, "
+    "-Dtype, -Channels, -Angles, -Id, -Error and -Has-Delta say the rest.",
+    answer=_ANSWER,
+    says="values[point][channel]",
+    refusals=(400, 408, 415, *_REFUSALS),
+    query=EvaluateOptions,
+    body=_BODY,
+)

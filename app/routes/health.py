@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from brdf_service.http.errors import NotReadyError
-from brdf_service.http.openapi import operation
-from brdf_service.http.query import NoQuery, parse_query
+from brdf_service.http.openapi import route
+from brdf_service.http.query import NoQuery
 from brdf_service.schemas.service import Live, Ready
 from brdf_service.state import state_of
 from fastapi import APIRouter
@@ -16,36 +16,30 @@ import brdfcore as bc
 router = APIRouter(tags=["health"])
 
 
-@router.get("/health/live", **operation("live", "the process answers", answer=(Live,), says="alive"))
-async def live(request: Request) -> Response:
-    parse_query(request.scope["query_string"], NoQuery)
+@route(router, "GET /health/live", "live", "the process answers", answer=(Live,), says="alive")
+async def live(request: Request, _: NoQuery) -> Response:
     return JSONResponse({"status": "live", "version": bc.__version__})
 
 
-@router.get(
-    "/health/ready",
-    **operation(
-        "ready",
-        "the kernels are compiled",
-        "503 until no request has to wait for a compiler: send traffic after it.",
-        answer=(Ready,),
-        says="ready",
-        refusals=(503,),
-    ),
+@route(
+    router,
+    "GET /health/ready",
+    "ready",
+    "the kernels are compiled",
+    "503 until no request has to wait for a compiler: send traffic after it.",
+    answer=(Ready,),
+    says="ready",
+    refusals=(503,),
 )
-async def ready(request: Request) -> Response:
-    parse_query(request.scope["query_string"], NoQuery)
+async def ready(request: Request, _: NoQuery) -> Response:
     if not state_of(request).ready:
         said = "the kernels are being compiled; it answers already, but slowly"
         raise NotReadyError("warming_up", said, retry_after=1)
     return JSONResponse({"status": "ready", "version": bc.__version__})
 
 
-@router.get(
-    "/metrics", **operation("metrics", "counters for Prometheus", answer=("text/plain",), says="text format 0.0.4")
-)
-async def metrics(request: Request) -> Response:
-    parse_query(request.scope["query_string"], NoQuery)
+@route(router, "GET /metrics", "metrics", "counters for Prometheus", answer=("text/plain",), says="text format 0.0.4")
+async def metrics(request: Request, _: NoQuery) -> Response:
     state = state_of(request)
     library, jobs = state.library, state.jobs.counts()
     gauges = {

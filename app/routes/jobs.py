@@ -11,8 +11,8 @@ from anyio import CancelScope
 from anyio.to_thread import run_sync
 from brdf_service.http.errors import NotFoundError
 from brdf_service.http.json import to_json
-from brdf_service.http.openapi import content_of, operation
-from brdf_service.http.query import NoQuery, parse_query
+from brdf_service.http.openapi import content_of, route
+from brdf_service.http.query import NoQuery
 from brdf_service.http.security import check_write
 from brdf_service.library.writing import Condition
 from brdf_service.schemas.work import JobAnswer, JobList
@@ -63,93 +63,86 @@ def accepted(state: State, job: Job) -> Response:
     return Response(_told(state, job), 202, headers, media_type="application/json")
 
 
-@router.get(
-    "",
-    **operation(
-        "jobs",
-        "all jobs, the newest first",
-        "Of this process, and as far as their records tell of others that share the data folder. Kept for an hour.",
-        answer=(JobList,),
-        says="the jobs",
-        refusals=(503,),
-    ),
+@route(
+    router,
+    "GET ",
+    "jobs",
+    "all jobs, the newest first",
+    "Of this process, and as far as their records tell of others that share the data folder. Kept for an hour.",
+    answer=(JobList,),
+    says="the jobs",
+    refusals=(503,),
 )
-async def jobs_get(request: Request) -> Response:
-    parse_query(request.scope["query_string"], NoQuery)
+async def jobs_get(request: Request, _: NoQuery) -> Response:
     told = await run_sync(state_of(request).jobs.newest)
     return Response(to_json({"jobs": told}), 200, media_type="application/json")
 
 
-@router.get(
-    "/{id}",
-    **operation(
-        "job",
-        "how far a job is",
-        "Kept for an hour after its end. `code` is job_lost if nothing is known of it (any more).",
-        answer=(JobAnswer,),
-        says="state and progress",
-        refusals=(404,),
-        path=_PATH,
-    ),
+@route(
+    router,
+    "GET /{id}",
+    "job",
+    "how far a job is",
+    "Kept for an hour after its end. `code` is job_lost if nothing is known of it (any more).",
+    answer=(JobAnswer,),
+    says="state and progress",
+    refusals=(404,),
+    parameters=_PATH,
 )
-async def job_get(request: Request) -> Response:
-    parse_query(request.scope["query_string"], NoQuery)
+async def job_get(request: Request, _: NoQuery) -> Response:
     told = await run_sync(state_of(request).jobs.told, request.path_params["id"])
     return Response(to_json(told), 200, media_type="application/json")
 
 
-@router.get(
-    "/{id}/events",
-    **operation(
-        "job_events",
-        "a job's progress as it happens",
-        "Server-sent events, each the job as JSON, until it has ended.",
-        answer=({"text/event-stream": {"schema": _EVENT}},),
-        says="events",
-        refusals=(404,),
-        path=_PATH,
-    ),
+@route(
+    router,
+    "GET /{id}/events",
+    "job_events",
+    "a job's progress as it happens",
+    "Server-sent events, each the job as JSON, until it has ended.",
+    answer=({"text/event-stream": {"schema": _EVENT}},),
+    says="events",
+    refusals=(404,),
+    parameters=_PATH,
 )
-async def job_events(request: Request) -> Response:
+async def job_events(request: Request, _: NoQuery) -> Response:
     state, job = _find(request)
     # a proxy that collects answers would keep the news back
     headers = {"cache-control": "no-store", "x-accel-buffering": "no"}
     return StreamingResponse(_events(state, job), 200, headers, media_type="text/event-stream")
 
 
-@router.delete(
-    "/{id}",
-    **operation(
-        "cancel_job",
-        "cancel a job",
-        "One that has ended, or whose file is being put into its place, stays as it is.",
-        answer=(JobAnswer,),
-        says="the job, ended",
-        refusals=(401, 403, 404),
-        path=_PATH,
-    ),
+@route(
+    router,
+    "DELETE /{id}",
+    "cancel_job",
+    "cancel a job",
+    "One that has ended, or whose file is being put into its place, stays as it is.",
+    answer=(JobAnswer,),
+    says="the job, ended",
+    refusals=(401, 403, 404),
+    parameters=_PATH,
 )
-async def job_delete(request: Request) -> Response:
+async def job_delete(request: Request, _: NoQuery) -> Response:
     check_write(state_of(request).settings, request.headers)
     state, job = _find(request)
     await run_sync(state.jobs.cancel, job)
     return Response(_told(state, job), 200, media_type="application/json")
 
 
-@router.get(
-    "/{id}/pareto.png",
-    **operation(
-        "pareto_picture",
-        "the picture of a report",
-        "Once its job is done.",
-        answer=("image/png",),
-        says="PNG",
-        refusals=(404,),
-        path=_PATH,
-    ),
+@route(
+    router,
+    "GET /{id}/pareto.png",
+    "pareto_picture",
+    "the picture of a report",
+    "Once its job is done.",
+    answer=("image/png",),
+    says="PNG",
+    refusals=(404,),
+    parameters=_PATH,
 )
-async def picture(request: Request) -> Response:
-    _, job = _find(request)
+async def picture(request: Request, _: NoQuery) -> Response:
+    job = _find(request)[1]
     if job.picture is None:
         said = f"this job ({job.kind}, {job.state}) has no picture; a pareto job has one once it is done"
         expected = "the id of a pareto job that is done"
@@ -158,7 +151,6 @@ async def picture(request: Request) -> Response:
 
 
 def _find(request: Request) -> tuple[State, Job]:
-    parse_query(request.scope["query_string"], NoQuery)
     state = state_of(request)
     return state, state.jobs.get(request.path_params["id"])
 

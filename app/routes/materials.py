@@ -7,8 +7,8 @@ from typing import Any
 from anyio.to_thread import run_sync
 from brdf_service.http.caching import BY_NAME, etag_of, not_modified
 from brdf_service.http.json import to_json
-from brdf_service.http.openapi import operation
-from brdf_service.http.query import Query, WholeNumber, parse_query
+from brdf_service.http.openapi import route
+from brdf_service.http.query import Query, WholeNumber
 from brdf_service.library.materials import Library, Material, Page
 from brdf_service.routes.analyses import ANALYSES
 from brdf_service.routes.harmonics import HARMONICS
@@ -70,21 +70,19 @@ async def page_of(library: Library, offset: int, limit: int) -> Page:
     return await run_sync(library.page, offset, limit)
 
 
-@router.get(
-    "/v1/materials",
+@route(
+    router,
+    "GET /v1/materials",
+    "materials",
+    "the materials, in order of their names",
+    answer=(MaterialList,),
+    says="a page of the list",
+    refusals=(503,),
+    cached=True,
     tags=["materials"],
-    **operation(
-        "materials",
-        "the materials, in order of their names",
-        answer=(MaterialList,),
-        says="a page of the list",
-        refusals=(503,),
-        cached=True,
-        query=Paging,
-    ),
+    query=Paging,
 )
-async def materials(request: Request) -> Response:
-    asked = parse_query(request.scope["query_string"], Paging)
+async def materials(request: Request, asked: Paging) -> Response:
     page = await page_of(state_of(request).library, asked.offset, asked.limit)
     end = asked.offset + len(page.lines)
     more = end < page.total and page.lines

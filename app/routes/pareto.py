@@ -5,8 +5,8 @@ from __future__ import annotations
 from anyio.to_thread import run_sync
 from brdf_service.http.bodies import read_json_body
 from brdf_service.http.json import model_from_json
-from brdf_service.http.openapi import operation
-from brdf_service.http.query import NoQuery, parse_query
+from brdf_service.http.openapi import route
+from brdf_service.http.query import NoQuery
 from brdf_service.http.security import check_write
 from brdf_service.library.writing import Condition
 from brdf_service.routes.address import BY_NAME
@@ -22,26 +22,24 @@ _MOST_BYTES = 10_000
 router = APIRouter(tags=["materials"])
 
 
-@router.post(
-    f"{BY_NAME.prefix}/pareto",
-    **operation(
-        "pareto_material",
-        "speed against error of every representation of a material",
-        "A job builds every table that can hold the material over a range of sizes, measures errors and times, and "
-        "says which to use: `result.materials[0].chosen` of the job. Its picture: /v1/jobs/{id}/pareto.png. Times are "
-        "those of a machine that also serves.",
-        status=202,
-        answer=(JobAnswer,),
-        refusals=(400, 401, 403, 404, 408, 409, 413, 415, 503),
-        path=[BY_NAME.parameter],
-        body=(ParetoRequest,),
-        more=ACCEPTED,
-    ),
+@route(
+    router,
+    f"POST {BY_NAME.prefix}/pareto",
+    "pareto_material",
+    "speed against error of every representation of a material",
+    "A job builds every table that can hold the material over a range of sizes, measures errors and times, and "
+    "says which to use: `result.materials[0].chosen` of the job. Its picture: /v1/jobs/{id}/pareto.png. Times are "
+    "those of a machine that also serves.",
+    status=202,
+    answer=(JobAnswer,),
+    refusals=(400, 401, 403, 404, 408, 409, 413, 415, 503),
+    parameters=[BY_NAME.parameter],
+    body=(ParetoRequest,),
+    more=ACCEPTED,
 )
-async def pareto(request: Request) -> Response:
+async def pareto(request: Request, _: NoQuery) -> Response:
     state, name = state_of(request), request.path_params["name"]
     check_write(state.settings, request.headers)  # minutes of all cores: not for whoever may only read
-    parse_query(request.scope["query_string"], NoQuery)
     body = await read_json_body(request, _MOST_BYTES, state.settings.body_seconds)
     asked = model_from_json(body, ParetoRequest, '{"tolerance": 0.01}')
     await run_sync(state.library.get, name)  # says what there is instead

@@ -16,10 +16,9 @@ from brdf_service.http.bodies import read_array, read_bytes
 from brdf_service.http.errors import MediaTypeError
 from brdf_service.http.json import model_from_json, to_json
 from brdf_service.http.negotiation import MEDIA_TYPES, kind_of_body
-from brdf_service.http.openapi import operation
 from brdf_service.http.query import Numbers, Query, WholeNumber, numbers, parse_query
 from brdf_service.library.materials import Material
-from brdf_service.routes.address import ADDRESSES, Address
+from brdf_service.routes.address import Address, at_both
 from brdf_service.routes.harmonics import expanded
 from brdf_service.schemas.harmonics import RelightAnswer, RelightRequest
 from brdf_service.settings import Settings
@@ -172,27 +171,19 @@ def _relit(material: Material, scene: _Scene, lmax: int, made: bc.HarmonicExpans
 router = APIRouter()
 
 
-def _add(address: Address) -> None:
-    declared = operation(
-        f"relight_{address.label}",
-        "radiance under an environment and directional lights",
-        "An equirectangular map of radiances (row 0 at the zenith +z, azimuth from +x towards +y along each row), "
-        "directional lights, or both; the radiance that surfaces with the given normals send towards the views. The "
-        "environment is reflected through spherical harmonics to degree lmax, directional lights exactly. JSON, or the "
-        "map as a .npy file with normals and views in the query.",
-        answer=(RelightAnswer,),
-        says="radiance[normal][channel]",
-        refusals=(400, 404, 408, 409, 413, 415, 503),
-        path=[address.parameter],
-        query=RelightQuery,
-        body=(RelightRequest, MEDIA_TYPES["npy"]),
-    )
-
-    async def handler(request: Request) -> Response:
-        return await relight(request, address)
-
-    router.add_api_route(f"{address.prefix}/relight", handler, methods=["POST"], tags=[address.label], **declared)
-
-
-for _address in ADDRESSES:
-    _add(_address)
+at_both(
+    router,
+    "POST relight",
+    relight,
+    "relight",
+    "radiance under an environment and directional lights",
+    "An equirectangular map of radiances (row 0 at the zenith +z, azimuth from +x towards +y along each row), "
+    "directional lights, or both; the radiance that surfaces with the given normals send towards the views. The "
+    "environment is reflected through spherical harmonics to degree lmax, directional lights exactly. JSON, or the "
+    "map as a .npy file with normals and views in the query.",
+    answer=(RelightAnswer,),
+    says="radiance[normal][channel]",
+    refusals=(400, 404, 408, 409, 413, 415, 503),
+    query=RelightQuery,
+    body=(RelightRequest, MEDIA_TYPES["npy"]),
+)

@@ -11,11 +11,11 @@ from typing import Any
 from brdf_service.evaluate.directions import polar_angles
 from brdf_service.http.caching import material_headers, not_modified
 from brdf_service.http.json import to_json
-from brdf_service.http.openapi import Content, operation
+from brdf_service.http.openapi import Content
 from brdf_service.http.query import NoQuery, Query, parse_query
 from brdf_service.http.security import NO_REFERRER, SVG_POLICY
 from brdf_service.library.materials import Material
-from brdf_service.routes.address import ADDRESSES, Address, Found
+from brdf_service.routes.address import Address, Found, at_both
 from brdf_service.state import State, state_of
 from brdf_service.work.stoppable import check_seconds, run_stoppable
 from fastapi import APIRouter
@@ -117,27 +117,7 @@ def explained(error: bc.InputError, asked: Any) -> bc.InputError:
 
 def add_resources(router: APIRouter, resources: Iterable[Resource]) -> None:
     """The routes of `resources` by name and by id."""
-    for address in ADDRESSES:
-        for resource in resources:
-            _add(router, resource, address)
-
-
-def _add(router: APIRouter, resource: Resource, address: Address) -> None:
-    id = f"{(resource.name or 'metadata').replace('.', '_')}_{address.label}"
-    declared = operation(
-        id,
-        resource.summary,
-        resource.description,
-        answer=(resource.content,),
-        says=resource.says,
-        refusals=resource.refusals,
-        cached=True,
-        path=[address.parameter],
-        query=resource.query,
-    )
-
-    async def get(request: Request) -> Response:
-        return await resource.answer(request, address)
-
-    path = f"{address.prefix}/{resource.name}" if resource.name else address.prefix
-    router.add_api_route(path, get, methods=["GET"], tags=[address.label], response_class=Response, **declared)
+    for each in resources:
+        about = {"answer": (each.content,), "says": each.says, "refusals": each.refusals, "query": each.query}
+        id = (each.name or "metadata").replace(".", "_")
+        at_both(router, f"GET {each.name}", each.answer, id, each.summary, each.description, cached=True, **about)

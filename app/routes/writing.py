@@ -11,8 +11,8 @@ from brdf_service.http.bodies import in_time, pieces, read_json_body
 from brdf_service.http.caching import etag_of_material
 from brdf_service.http.errors import MediaTypeError
 from brdf_service.http.json import model_from_json, to_json, validated
-from brdf_service.http.openapi import content_of, operation
-from brdf_service.http.query import JsonObject, NoQuery, Q, Query, parse_query
+from brdf_service.http.openapi import content_of, route
+from brdf_service.http.query import JsonObject, NoQuery, Query
 from brdf_service.http.security import check_write
 from brdf_service.library.writing import Condition, check_name
 from brdf_service.routes.address import BY_NAME
@@ -62,31 +62,30 @@ class UploadQuery(Query):
 router = APIRouter(tags=["materials"])
 
 
-@router.put(
-    BY_NAME.prefix,
-    **operation(
-        "put_material",
-        "store a model under a name",
-        "Evaluated exactly, unless `tabulate` asks for a table: then 202 and a job. To replace a material send "
-        "If-Match with its ETag, or *.",
-        answer=(MaterialLine,),
-        says="replaced",
-        refusals=(400, 415, *_REFUSALS),
-        path=[BY_NAME.parameter],
-        body=(MaterialModel,),
-        conditions=True,
-        more={
-            201: {
-                "description": "stored",
-                "content": content_of(MaterialLine),
-                "headers": {name: {"schema": {"type": "string"}} for name in _STORED},
-            },
-            **ACCEPTED,
+@route(
+    router,
+    f"PUT {BY_NAME.prefix}",
+    "put_material",
+    "store a model under a name",
+    "Evaluated exactly, unless `tabulate` asks for a table: then 202 and a job. To replace a material send "
+    "If-Match with its ETag, or *.",
+    answer=(MaterialLine,),
+    says="replaced",
+    refusals=(400, 415, *_REFUSALS),
+    parameters=[BY_NAME.parameter],
+    body=(MaterialModel,),
+    conditions=True,
+    more={
+        201: {
+            "description": "stored",
+            "content": content_of(MaterialLine),
+            "headers": {name: {"schema": {"type": "string"}} for name in _STORED},
         },
-    ),
+        **ACCEPTED,
+    },
 )
-async def put(request: Request) -> Response:
-    state, name, condition, _ = _writer(request, NoQuery)
+async def put(request: Request, _: NoQuery) -> Response:
+    state, name, condition = _writer(request)
     body = await read_json_body(request, _MOST_BYTES, state.settings.body_seconds)
     asked = model_from_json(body, MaterialModel, _EXAMPLE)
     model = await run_sync(_make, asked)
@@ -100,26 +99,25 @@ async def put(request: Request) -> Response:
     return accepted(state, job)
 
 
-@router.post(
-    f"{BY_NAME.prefix}/upload",
-    **operation(
-        "upload_material",
-        "store a file under a name",
-        "The body is the file, of any registered format. It is read by a process of its own, as a job; its table is "
-        "stored as it is, anything else is tabulated, and a model file stays a model. To replace a material send "
-        "If-Match with its ETag, or *.",
-        status=202,
-        answer=(JobAnswer,),
-        refusals=(415, *_REFUSALS),
-        path=[BY_NAME.parameter],
-        query=UploadQuery,
-        body=("application/octet-stream",),
-        conditions=True,
-        more=ACCEPTED,
-    ),
+@route(
+    router,
+    f"POST {BY_NAME.prefix}/upload",
+    "upload_material",
+    "store a file under a name",
+    "The body is the file, of any registered format. It is read by a process of its own, as a job; its table is "
+    "stored as it is, anything else is tabulated, and a model file stays a model. To replace a material send "
+    "If-Match with its ETag, or *.",
+    status=202,
+    answer=(JobAnswer,),
+    refusals=(415, *_REFUSALS),
+    parameters=[BY_NAME.parameter],
+    query=UploadQuery,
+    body=("application/octet-stream",),
+    conditions=True,
+    more=ACCEPTED,
 )
-async def upload(request: Request) -> Response:
-    state, name, condition, asked = _writer(request, UploadQuery)
+async def upload(request: Request, asked: UploadQuery) -> Response:
+    state, name, condition = _writer(request)
     settings = state.settings
     options: dict[str, Any] | None = None
     if asked.tabulate is not None:
@@ -138,32 +136,30 @@ async def upload(request: Request) -> Response:
     return accepted(state, job)
 
 
-@router.delete(
-    BY_NAME.prefix,
-    **operation(
-        "delete_material",
-        "delete a material",
-        "Takes If-Match with its ETag, or *.",
-        status=204,
-        says="deleted",
-        refusals=(404, *_REFUSALS),
-        path=[BY_NAME.parameter],
-        conditions=True,
-    ),
+@route(
+    router,
+    f"DELETE {BY_NAME.prefix}",
+    "delete_material",
+    "delete a material",
+    "Takes If-Match with its ETag, or *.",
+    status=204,
+    says="deleted",
+    refusals=(404, *_REFUSALS),
+    parameters=[BY_NAME.parameter],
+    conditions=True,
 )
-async def delete(request: Request) -> Response:
-    state, name, condition, _ = _writer(request, NoQuery)
+async def delete(request: Request, _: NoQuery) -> Response:
+    state, name, condition = _writer(request)
     await run_sync(state.writer.delete, name, condition)
     return Response(status_code=204)
 
 
-def _writer(request: Request, query: type[Q]) -> tuple[State, str, Condition, Q]:
-    """Who writes what on which condition, and the query; whether it may is checked before the body is read."""
+def _writer(request: Request) -> tuple[State, str, Condition]:
+    """Who writes what on which condition; whether it may is checked before the body is read."""
     state, name = state_of(request), request.path_params["name"]
     check_write(state.settings, request.headers)
-    asked = parse_query(request.scope["query_string"], query)
     check_name(name)
-    return state, name, Condition.of(request.headers), asked
+    return state, name, Condition.of(request.headers)
 
 
 async def _receive(request: Request, path: Path, limit: int) -> None:

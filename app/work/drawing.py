@@ -7,6 +7,7 @@ thread gives the interpreter's lock to the event loop every millisecond, and all
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
 import threading
@@ -18,7 +19,6 @@ from queue import LifoQueue
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 from brdf_service.http.errors import BusyError
-from brdf_service.library.lru import keep
 from brdf_service.library.materials import Material
 from brdf_service.work.pictures import Picture, draw
 from brdf_service.work.subprocesses import Child, rebuilt
@@ -111,7 +111,8 @@ class Drawing:
                 self._seconds += _WEIGHT * (time.monotonic() - begun - self._seconds)
             finally:
                 self._seats.release_on_behalf_of(etag)
-            keep(self._kept, etag, made)
+            with contextlib.suppress(ValueError):  # larger than all that is kept
+                self._kept[etag] = made
             return made
         finally:
             del self._making[etag]

@@ -22,7 +22,6 @@ _TABLE_BYTES, _LEAST_BYTES = 64 * 2**20, 64 * 2**10
 def main() -> None:
     """Draw what is asked for."""
     parent = Parent()  # before what takes a second to import, and may print
-    from brdf_service.library.lru import keep
     from brdf_service.library.materials import Material, open_material
     from brdf_service.library.store import File
     from brdf_service.work.pictures import Picture, draw
@@ -37,7 +36,8 @@ def main() -> None:
                 material = open_material(task["name"], File(*task["file"]))
             if material is None or material.id != task["id"]:
                 return {"changed": True}, b""
-            keep(held, material.id, material)
+            with contextlib.suppress(ValueError):  # larger than all that is kept
+                held[material.id] = material
         try:
             body = draw(material.brdf, Picture(*task["picture"]))
         except bc.BrdfError as error:

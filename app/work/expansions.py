@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 from typing import NamedTuple
 
-from brdf_service.library.lru import keep
 from brdf_service.library.materials import Material
 from cachetools import LRUCache
 
@@ -43,8 +43,8 @@ class Expansions:
                 found = self._look(key)  # somebody else's wait may have made it
                 if found is None:
                     found = bc.project(material.brdf, **asked._asdict())
-                    with self._looking:
-                        keep(self._kept, key, found)
+                    with self._looking, contextlib.suppress(ValueError):  # larger than all that is kept
+                        self._kept[key] = found
         return found
 
     def _look(self, key: tuple[str, Degree]) -> bc.HarmonicExpansion | None:

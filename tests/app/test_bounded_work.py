@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from anyio import CapacityLimiter
+from brdf_service.http import bodies
 from brdf_service.work.stoppable import run_stoppable
 from starlette.requests import ClientDisconnect, Request
 from starlette.testclient import TestClient
@@ -111,6 +112,31 @@ def test_bodies_have_one_bound_together(serve: Serve) -> None:
     assert room.held == 99_000
     room.held = 0
     assert client.post(path, content=np.zeros(900).tobytes(), headers=octet).status_code == 200
+
+
+def test_memory_of_many_bodies_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once, after the last of them, and not after each small one."""
+    given_back: list[int] = []
+    monkeypatch.setattr(bodies, "_give_back", lambda: given_back.append(1))
+    monkeypatch.setattr(bodies, "_AFTER", 0.0)
+
+    async def main() -> None:
+        room = bodies.Room(200 * 2**20)
+        scopes: list[dict[str, Any]] = [{} for _ in range(40)]
+        for scope in scopes:
+            room.take(scope, 2**20)
+        for scope in scopes[:-1]:
+            room.release(scope)
+        await asyncio.sleep(0.05)
+        assert not given_back
+        room.release(scopes[-1])
+        room.take(scopes[0], 1000)
+        room.release(scopes[0])
+        await asyncio.sleep(0.05)
+        assert room.held == 0
+
+    asyncio.run(main())
+    assert given_back == [1]
 
 
 @pytest.mark.parametrize("encoding", ["gzip", "deflate, gzip", "br"])
