@@ -59,7 +59,7 @@ class Angles(NamedTuple):
         a, b, c = self.lists
         if self.unit == "deg":
             if a.ndim == b.ndim == c.ndim == 0:  # one conversion instead of three
-                a, b, c = bc.to_radians(np.array((a, b, c)))
+                a, b, c = bc.to_radians(np.array((a, b, c))).tolist()
             else:
                 a, b, c = map(bc.to_radians, (a, b, c))
         return a, b, c
