@@ -18,7 +18,7 @@ from starlette.types import Scope
 
 import brdfcore as bc
 
-#: Bytes of bodies after which memory is given back, and seconds until then: the last answer may hold some still.
+#: Bytes of bodies held together after which memory is given back, and seconds until then.
 _MUCH, _AFTER = 32 * 2**20, 1.0
 Bytes = npt.NDArray[np.uint8]
 T = TypeVar("T")
@@ -29,7 +29,8 @@ class Room:
 
     def __init__(self, most: int) -> None:
         self.most, self.held = most, 0
-        self._taken = 0  # since memory was last given back
+        self._peak = 0  # since memory was last given back
+        self._giving_back: asyncio.TimerHandle | None = None
 
     def take(self, scope: Scope, count: int) -> None:
         """Hold so many bytes more for a request; `BusyError` if there is no room for them."""
@@ -37,17 +38,21 @@ class Room:
             said = f"bodies of {self.held} bytes are held already; the limit is {self.most}; try again later"
             raise BusyError("bodies_full", said, where="body", limit=self.most, retry_after=2, rest_unread=True)
         self.held += count
-        self._taken += count
+        self._peak = max(self._peak, self.held)
         scope["brdf.held"] = scope.get("brdf.held", 0) + count
 
     def release(self, scope: Scope) -> None:
-        """A request has ended. What many bodies took goes back to the system when the last of them is gone: the C
+        """A request has ended. What many bodies took goes back to the system a moment after the last of them: the C
         library would keep it."""
         self.held -= scope.pop("brdf.held", 0)
-        if self._taken >= _MUCH and not self.held:
-            self._taken = 0
-            loop = asyncio.get_running_loop()
-            loop.call_later(_AFTER, loop.run_in_executor, None, _give_back)
+        if self._peak >= _MUCH and not self.held:
+            if self._giving_back is not None:
+                self._giving_back.cancel()
+            self._giving_back = asyncio.get_running_loop().call_later(_AFTER, self._give_back)
+
+    def _give_back(self) -> None:
+        self._peak, self._giving_back = 0, None
+        asyncio.get_running_loop().run_in_executor(None, _give_back)
 
 
 def _give_back() -> None:
