@@ -8,6 +8,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from brdf_service.main import create_app
+from brdf_service.settings import Settings
 from starlette.testclient import TestClient
 
 from tests.app.conftest import Serve, assert_problem
@@ -133,6 +135,15 @@ def test_material_page_shows_what_is_asked(shared_client: TestClient) -> None:
     assert page.images == ["/v1/materials/red/slice.svg?theta_i=45&view=hemisphere&scale=linear&channel=B", SPHERE]
     default = page_of(shared_client, "/materials/red?channel=")
     assert default.images == ["/v1/materials/red/slice.svg?theta_i=0,30,60&view=polar&scale=log", SPHERE]
+
+
+def test_a_proxy_tells_how_it_is_reached(original: Path) -> None:
+    """One on this machine is believed, anybody else is not."""
+    for host, expected in (("127.0.0.1", "https://brdf.example/v1"), ("192.0.2.1", "http://brdf.example/v1")):
+        app = create_app(Settings(data=original, host="0.0.0.0"), warm=False)
+        with TestClient(app, "http://brdf.example", client=(host, 50_000)) as client:
+            text = client.get("/materials/gold", headers={"x-forwarded-proto": "https"}).text
+        assert f"{expected}/materials/gold/evaluate" in text
 
 
 def test_error_by_angle_of_incidence(shared_client: TestClient) -> None:
