@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 from anyio.to_thread import run_sync
 from brdf_service.http.openapi import operation
-from brdf_service.library.materials import Material
-from brdf_service.state import state_of
+from brdf_service.library.materials import Library, Material
 from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
@@ -31,14 +30,16 @@ class Found(NamedTuple):
 
 async def by_name(request: Request) -> Found:
     """The material of /v1/materials/{name}; off the event loop if its file has to be read."""
-    library, name = state_of(request).library, request.path_params["name"]
+    library: Library = request.scope["brdf"].library
+    name = request.path_params["name"]
     material = library.peek(name)
     return Found(material if material is not None else await run_sync(library.get, name), False)
 
 
 async def by_id(request: Request) -> Found:
     """The material of /v1/tables/{id}; off the event loop if files have to be read."""
-    library, id = state_of(request).library, request.path_params["id"]
+    library: Library = request.scope["brdf"].library
+    id = request.path_params["id"]
     material = library.peek_id(id)
     return Found(material if material is not None else await run_sync(library.get_id, id), True)
 

@@ -23,7 +23,7 @@ from brdf_service.http.openapi import Content
 from brdf_service.http.query import ANGLES, OUTSIDE, Flag, Numbers, Outside, Query, Unit, numbers, parse_query
 from brdf_service.routes.address import ADDRESSES, Address, at_both
 from brdf_service.schemas.evaluate import EvaluateAnswer, EvaluateRequest, EvaluateVectors
-from brdf_service.state import State, state_of
+from brdf_service.state import State
 from fastapi import APIRouter
 from pydantic import Field
 from starlette.requests import Request
@@ -77,7 +77,7 @@ class EvaluateOptions(Query):
 
 async def evaluate(request: Request, address: Address) -> Response:
     """The answer to a GET or a POST."""
-    state = state_of(request)
+    state: State = request.scope["brdf"]
     text = request.scope["query_string"]
     asked: Directions
     if request.scope["method"] == "GET":

@@ -25,6 +25,8 @@ from starlette.responses import Response
 import brdfcore as bc
 
 Draw = Callable[[Request, State, Found, Any, str], Awaitable[bytes]]
+#: Bytes of a material's facts, four times their text, that are told in the event loop.
+_FEW_BYTES = 2**18
 #: What to do where it is too much work.
 _FEWER = "name one channel where the path takes one, or use the library or the shell"
 
@@ -39,7 +41,8 @@ class Resource:
     compute       (material, query) -> content: JSON-ready, or bytes. In a thread, `seats` at once.
     draw          (request, state, found, query, etag) -> bytes, instead of `compute`: more than one computation.
     check         (state, query), and (state, query, found) once the material is found: refuses what is too large.
-    seconds       (channels, query) -> about how long it takes: what is too much is refused before it begins.
+    seconds       (channels, query) -> about how long it takes: what is too much is refused before it begins. 0: it is
+                  only told again, in the event loop if it is short.
     lasting       by id the answer never changes; False if it says anything of the file.
     kept          the answer is kept with the material: `compute` takes seconds, and the query changes next to nothing.
     example       query of the link in the metadata; None: no link.
@@ -79,7 +82,8 @@ class Resource:
             self.check_found(state, asked, found)
         material = found.material
         channels = len(material.brdf.channels)
-        check_seconds(self.seconds(channels, asked), channels, state.settings.max_work_seconds, _FEWER)
+        seconds = self.seconds(channels, asked)
+        check_seconds(seconds, channels, state.settings.max_work_seconds, _FEWER)
         headers = material_headers(request, material.id, material.tag, found.by_id, lasting=self.lasting)
         if self.media_type == "image/svg+xml":
             headers |= {"content-security-policy": SVG_POLICY, **NO_REFERRER}
@@ -87,7 +91,10 @@ class Resource:
         if unchanged is not None:
             return unchanged
         try:
-            body = await self._body(request, state, found, asked, headers["etag"])
+            if not seconds and material.held_bytes - material.nbytes <= _FEW_BYTES:
+                body = self._computed(material, asked)  # what is told of it, and not much: a thread would cost more
+            else:
+                body = await self._body(request, state, found, asked, headers["etag"])
         except bc.InputError as error:
             raise explained(error, asked) from error
         return Response(body, 200, headers, media_type=self.media_type)

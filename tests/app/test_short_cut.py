@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
 import pytest
+from brdf_service import main
 from brdf_service.main import create_app
 from brdf_service.server.middleware import RequestMiddleware
+from brdf_service.server.request_log import RequestLog
 from brdf_service.settings import Settings
 from hypothesis import given
 from hypothesis import strategies as st
@@ -138,3 +143,41 @@ def test_one_value_of_the_library_is_that_of_a_list() -> None:
         for bad in (-1e-9, 1.6, np.nan, np.inf):
             with pytest.raises(bc.InputError, match="theta_i"):
                 b.evaluate(bad, 0.1, 0.1)
+
+
+def test_the_way_of_a_look_up_is_short(original: Path) -> None:
+    """Who reads how a GET with a list is answered opens twelve files, and three of them twice, at most."""
+    app = create_app(Settings(data=original), warm=False, request_log=RequestLog(lambda _: None))
+    root, entered, answers = str(Path(main.__file__).parent), [], []
+    query = b"theta_i=30,45&theta_o=30&delta_phi=180"
+    path = "/v1/materials/gold-grid/evaluate"
+    head = {"type": "http", "method": "GET", "path": path, "query_string": query, "headers": [(b"host", b"localhost")]}
+
+    def note(frame: FrameType, event: str, _: Any) -> None:
+        file = frame.f_code.co_filename
+        if event == "call" and file.startswith(root) and (not entered or entered[-1] != file):
+            entered.append(file)
+
+    async def receive() -> Any:
+        raise AssertionError("a GET has no body")
+
+    async def send(message: Any) -> None:
+        answers.append(message.get("status"))
+
+    async def ask() -> None:
+        async with app.router.lifespan_context(app):
+            while not app.state.brdf.ready:
+                await asyncio.sleep(0.01)
+            for _ in range(2):  # loaded, and what answers share is made
+                await app({**head}, receive, send)
+            sys.setprofile(note)
+            try:
+                await app({**head}, receive, send)
+            finally:
+                sys.setprofile(None)
+
+    asyncio.run(ask())
+    assert answers == [200, None] * 3
+    returns = sum(file in entered[:k] for k, file in enumerate(entered))
+    assert len(set(entered)) <= 12, entered
+    assert returns <= 3, entered
