@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 from brdf_service.schemas.base import Strict
-from pydantic import BaseModel, ConfigDict, Field
+from brdf_service.schemas.evaluate import ErrorInShort
+from pydantic import BaseModel, Field
 
 
 class Fault(Strict):
@@ -25,16 +26,11 @@ class IncidenceError(BaseModel):
     albedo_error: float | None = Field(description="how far the albedo is off, as a fraction; of the worst channel")
 
 
-class MeasuredError(BaseModel):
-    """Measured error of a table against its source, as the library's `Table.error`; empty where there is none."""
+class MeasuredError(ErrorInShort, extra="allow"):
+    """All of it, as the library's `Table.error`; empty where there is none."""
 
-    model_config = ConfigDict(extra="allow")
-
-    l1: float | None = Field(None, description="misplaced energy, as a fraction of the reflected energy")
-    l1_stderr: float | None = None
     by_theta_i: list[IncidenceError] = Field([], description="by angle of incidence")
     between: list[IncidenceError] = Field([], description="the same at angles between those, where no node is")
-    warnings: list[str] = Field([], description="sentences for a person, if the table is bad")
 
 
 class MaterialLine(BaseModel):
