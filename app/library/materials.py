@@ -77,8 +77,8 @@ class Page:
 
 
 class Library:
-    """All methods may be called from several threads; `peek` and `peek_id` also in the event loop, as they cost one
-    look at one file; the others read."""
+    """All methods may be called from several threads; `peek`, `peek_id` and `find` also in the event loop, as they cost
+    a look at one or two files; the others read."""
 
     def __init__(self, store: Store, cache_bytes: int) -> None:
         self.store = store
@@ -121,7 +121,7 @@ class Library:
         """
         material = self.peek(name)
         if material is None:
-            self._find(name)  # nobody waits to hear that there is none
+            self.find(name)  # nobody waits to hear that there is none
             with self._reading:
                 material = self.peek(name) or self._load(name)
         return material
@@ -158,7 +158,7 @@ class Library:
                 if time.monotonic() > until:
                     raise _not_read()
                 with contextlib.suppress(NotFoundError, MaterialDamagedError):
-                    file, read = self._find(name), self._ids.get(name)
+                    file, read = self.find(name), self._ids.get(name)
                     if read is None or read[0] != file:
                         self.get(name)
                     if self._ids.get(name, (None, ""))[1] == id:
@@ -193,7 +193,9 @@ class Library:
         except MaterialDamagedError as error:
             return _unusable(name, file, error)
 
-    def _find(self, name: str) -> File:
+    def find(self, name: str) -> File:
+        """Its file, by a look at the two that it may have. Raises `NotFoundError` with close names, or
+        `MaterialDamagedError`."""
         file = self.store.find(name)
         if file is None:
             if name in self.waiting:
@@ -220,7 +222,7 @@ class Library:
 
     def _load(self, name: str) -> Material:
         self.misses += 1
-        file = self._find(name)
+        file = self.find(name)
         with self._lock:
             known = self._known.get(name)
         if known is not None and known.file == file and known.error is not None:
@@ -229,7 +231,7 @@ class Library:
             material = open_material(name, file)
         except Exception as raised:
             # whatever a stranger's file does to the reader, the list and the other materials go on
-            self._find(name)  # it may have been deleted a moment ago
+            self.find(name)  # it may have been deleted a moment ago
             error = _without_folder(raised, Path(file.path))
             traceback = None if isinstance(error, bc.BrdfError) else error
             log.warning("%s cannot be used: %s", Path(file.path).name, error, exc_info=traceback)

@@ -42,7 +42,7 @@ class ChangedError(Exception):
 
 class Store(ABC):
     """Materials by name. All methods may be called from several threads; `StorageError` where the store itself cannot
-    be read or written. Only `same` and `close_to` may be called in the event loop."""
+    be read or written. Only `same`, `find` and `close_to` may be called in the event loop."""
 
     @abstractmethod
     def names(self) -> Names:

@@ -33,7 +33,10 @@ async def by_name(request: Request) -> Found:
     library: Library = request.scope["brdf"].library
     name = request.path_params["name"]
     material = library.peek(name)
-    return Found(material if material is not None else await run_sync(library.get, name), False)
+    if material is None:
+        library.find(name)  # who asks for what there is not waits for no thread
+        material = await run_sync(library.get, name)
+    return Found(material, False)
 
 
 async def by_id(request: Request) -> Found:
