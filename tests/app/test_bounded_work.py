@@ -96,7 +96,10 @@ def test_work_stops_when_its_client_is_gone() -> None:
     asyncio.run(main())
     assert state["ended"]
     assert state["steps"] < 500
-    assert not [t for t in threading.enumerate() if t.name == "analysis"]
+    for thread in threading.enumerate():
+        if thread.name == "analysis":  # the last one has told its end, and is about to end
+            thread.join(5)
+            assert not thread.is_alive()
 
 
 def test_bodies_have_one_bound_together(serve: Serve) -> None:
