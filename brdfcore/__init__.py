@@ -25,6 +25,8 @@ _PUBLIC = {
     "Table": "brdfcore.tables.base.table",
     "check": "brdfcore.analysis.check.checks",
     "gloss": "brdfcore.analysis.gloss.gloss",
+    "Fit": "brdfcore.analysis.fit.fit",
+    "fit": "brdfcore.analysis.fit.fit",
     "repair": "brdfcore.analysis.check.repair",
     "compare": "brdfcore.reporting.comparison",
     "pareto": "brdfcore.analysis.pareto.pareto",
@@ -63,6 +65,8 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore import plot as plot
     from brdfcore.analysis.check.checks import check as check
     from brdfcore.analysis.check.repair import repair as repair
+    from brdfcore.analysis.fit.fit import Fit as Fit
+    from brdfcore.analysis.fit.fit import fit as fit
     from brdfcore.analysis.gloss.gloss import gloss as gloss
     from brdfcore.analysis.pareto.pareto import pareto as pareto
     from brdfcore.analysis.plan.plan import plan as plan

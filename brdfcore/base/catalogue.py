@@ -33,6 +33,8 @@ def model(name: str, /, **parameters: Any) -> Brdf:
 def model_from_json(content: Mapping[str, Any]) -> Brdf:
     """The model of `{"model": NAME, "parameters": {...}}`, or the sum of those in `{"sum": [{...}, ...]}`.
 
+    A term may have a "factor", a number >= 0 or one a channel, that its values are multiplied by.
+
     Raises `InputError` for another form and for more than `MOST_TERMS` terms, and what `model` raises.
 
     >>> b = bc.model_from_json({"sum": [{"model": "lambert", "parameters": {"reflectance": 0.5}}, {"model": "mirror"}]})
@@ -54,6 +56,8 @@ def model_from_json(content: Mapping[str, Any]) -> Brdf:
                 said = f"no model has a parameter {clash!r}"
                 raise UnknownNameError("unknown_parameter", said, where=clash)
         one = model(name, **parameters)
+        if isinstance(term, Mapping) and "factor" in term:
+            one = term["factor"] * one
         made = one if made is None else made + one
     assert made is not None
     return made

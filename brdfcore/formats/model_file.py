@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from brdfcore.base.atomic import write_file
-from brdfcore.base.brdf import Brdf, Sum
+from brdfcore.base.brdf import Brdf, Scaled, Sum
 from brdfcore.base.catalogue import model_from_json
 from brdfcore.base.errors import BrdfError, FileFormatError, InputError, StorageError
 from brdfcore.base.parameters import resolve
@@ -17,12 +17,12 @@ from brdfcore.models.base.model import Model
 
 #: Room for any parameters of `MAX_CHANNELS` channels; a larger file is something else.
 MAX_BYTES = 8_000_000
-_KEYS = {"model", "parameters", "about"}
+_KEYS = {"model", "parameters", "factor", "about"}
 
 
 class ModelFormat(Format):
     """JSON object with `model` (a registry name) and `parameters` (an object), or with `sum`, a list of such objects;
-    optionally, `about` (a sentence).
+    optionally, `factor` (a number, or one a channel, that a model is multiplied by) and `about` (a sentence).
 
     Read to the model itself, evaluated exactly; never tabulated on the way.
     """
@@ -67,7 +67,7 @@ class ModelFormat(Format):
             "sha256": hashlib.sha256(raw).hexdigest(),
             "bytes": len(raw),
             "conventions": {},
-            "found": {key: content[key] for key in ("model", "parameters", "sum") if key in content},
+            "found": {key: content[key] for key in ("model", "parameters", "factor", "sum") if key in content},
             "done": [],
             "warnings": [],
         }
@@ -95,6 +95,13 @@ def _terms(brdf: Brdf) -> list[dict[str, Any]] | None:
     if isinstance(brdf, Sum):
         parts = [_terms(part) for part in brdf.parts]
         return None if any(p is None for p in parts) else [term for p in parts for term in p or ()]
+    if isinstance(brdf, Scaled):
+        inner = _terms(brdf.part)
+        if inner is None or len(inner) > 1 or "factor" in inner[0]:
+            return None
+        return [{**inner[0], "factor": brdf.factor.tolist() if brdf.factor.size > 1 else float(brdf.factor[0])}]
+    if "fit" in brdf.metadata:  # a fitted model is its terms
+        return [dict(term) for term in brdf.metadata["fit"]]
     return [{key: brdf.metadata[key] for key in ("model", "parameters")}] if isinstance(brdf, Model) else None
 
 

@@ -1,0 +1,1 @@
+"""The analytic model that stands for a measurement, and what it loses."""
