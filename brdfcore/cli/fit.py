@@ -91,9 +91,9 @@ def _page(found: Fit) -> Iterator[str]:
 
 _HELP = """The analytic model nearest to a material, and what it loses.
 
-A diffuse base and up to three lobes (GGX, Cook-Torrance, Ward, Phong, Blinn-Phong). No start values are asked. The share
-of energy that the model misplaces is measured on directions that it was not fitted on; every parameter has its interval,
-or the reason why it has none. Measured points are fitted as points.
+A diffuse base and up to three lobes (GGX, Cook-Torrance, Ward, Phong, Blinn-Phong). No start values are asked. The
+share of energy that the model misplaces is measured on directions that it was not fitted on; every parameter has its
+interval, or the reason why it has none. Measured points are fitted as points.
 
 \b
 Examples:

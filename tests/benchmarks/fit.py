@@ -59,7 +59,7 @@ def exact(count: int) -> Iterator[str]:
         worst.append(max(off, default=np.inf))
         missed += worst[-1] > 1e-6
     yield f"exact, {count} models: largest L1 {max(l1):.2g} (goal 1e-8); {sum(x > 1e-8 for x in l1)} above"
-    yield f"  parameters off by at most {max(worst):.2g} where identified, {missed} above 1e-6; {unknown} not identified"
+    yield f"  parameters off by at most {max(worst):.2g}, {missed} above 1e-6; {unknown} not identified"
 
 
 def intervals(count: int) -> Iterator[str]:

@@ -67,9 +67,9 @@ class Family:
     fixed: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def name(self) -> str:
-        """For messages: "ggx", "cook_torrance, blinn"."""
-        return ", ".join([self.model, *(str(v) for k, v in self.fixed.items() if k in ("distribution", "variant"))])
+    def key(self) -> str:
+        """What tells it from the other families."""
+        return f"{self.model} {dict(self.fixed)} {[f.name for f in self.free]}"
 
     def parameters(self, shape: Sequence[float]) -> dict[str, Any]:
         """Those of the model, of a point of the search."""

@@ -27,6 +27,8 @@ _MOST_STEPS, _GAIN = 60, 1e-5
 _EXACT = 1e-13
 #: Candidates of the grid that are scored by the loss itself.
 _SCORED = 16
+#: Columns that are kept.
+_KEPT = 400
 #: Ridge of normal equations, of their diagonal: columns that are all but equal share a weight.
 _RIDGE = 1e-13
 
@@ -64,16 +66,15 @@ class Columns:
 
     def __init__(self, rows: Rows) -> None:
         self.rows = rows
-        self._lobes: dict[tuple[Family, tuple[float, ...]], Float64Array] = {}
+        self._lobes: dict[tuple[str, tuple[float, ...]], Float64Array] = {}
 
     def lobe(self, family: Family, shape: tuple[float, ...]) -> Float64Array:
-        key = (family.name, family.fixed.get("fresnel"), len(family.free), shape)
-        found = self._lobes.get(key)  # type: ignore[call-overload]
-        if found is None:
-            if len(self._lobes) > 400:
+        key = (family.key, shape)
+        if key not in self._lobes:
+            if len(self._lobes) > _KEPT:
                 self._lobes.clear()
-            found = self._lobes[key] = family.column(shape, self.rows.angles)  # type: ignore[index]
-        return np.asarray(found)
+            self._lobes[key] = family.column(shape, self.rows.angles)
+        return self._lobes[key]
 
     def of(self, state: State) -> tuple[Float64Array, Float64Array]:
         """(X (n, 1 + lobes), B (n,)): the base's weight r counts r X[:, 0] + r^2 B."""

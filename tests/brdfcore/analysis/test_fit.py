@@ -39,7 +39,7 @@ def test_weights_are_those_of_nnls(seed: int, columns: int) -> None:
     assert found == pytest.approx(expected, abs=1e-6 * max(1.0, float(expected.max())))
 
 
-@pytest.mark.parametrize("family", first_fast(*EVERY), ids=lambda f: f"{f.name}{len(f.free)}")
+@pytest.mark.parametrize("family", first_fast(*EVERY), ids=lambda f: f.key)
 def test_a_model_is_found_again(family: Family) -> None:
     b = of(family)
     found = bc.fit(b, family.model, 1)
