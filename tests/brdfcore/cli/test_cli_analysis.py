@@ -1,4 +1,4 @@
-"""`brdf check`, `brdf gloss`, `brdf albedo`, `brdf repair`: pages, JSON, exit codes."""
+"""`brdf check`, `brdf gloss`, `brdf albedo`, `brdf repair`, `brdf fit`: pages, JSON, exit codes."""
 
 from __future__ import annotations
 
@@ -141,3 +141,16 @@ def test_repair_makes_a_table(run: Run, tmp_path: Path) -> None:
     found = json.loads(text)
     assert [e["name"] for e in found["repairs"]] == ["negatives"]
     assert found["id"] == bc.open_table(out).id != table.id
+
+
+def test_fit_writes_a_model(run: Run, tmp_path: Path) -> None:
+    source, out_file = "ggx:roughness=0.2,diffuse=0.1,specular=0.5,ior=1.5", tmp_path / "fit.json"
+    status, out, err = run("fit", source, "--model", "ggx", "--lobes", "1", "-o", str(out_file))
+    assert (status, err) == (0, "")
+    assert "roughness" in out
+    assert bc.read(out_file).metadata["parameters"]["ior"] == pytest.approx(1.5)
+    status, out, err = run("fit", source, "--model", "ggx", "--lobes", "1", "--json")
+    assert json.loads(out)["terms"][0]["model"] == "ggx"
+    status, out, err = run("fit", source, "--lobes", "many")
+    assert status == 2
+    assert "expected auto, or 0 to 3" in err
