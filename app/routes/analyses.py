@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from brdf_service.evaluate.directions import check_incidences, check_values, polar_angles
@@ -10,8 +10,9 @@ from brdf_service.http.query import ANGLES, Numbers, Query, Unit, numbers
 from brdf_service.library.materials import Material
 from brdf_service.routes.address import Found
 from brdf_service.routes.resource import Resource
-from brdf_service.schemas.analysis import AlbedoAnswer, ChecksAnswer, GlossAnswer
+from brdf_service.schemas.analysis import AlbedoAnswer, ChecksAnswer, FitAnswer, GlossAnswer
 from brdf_service.state import State
+from pydantic import Field
 
 import brdfcore as bc
 
@@ -27,6 +28,17 @@ class ChecksQuery(Query):
     """Unit of the worst directions."""
 
     angles: Unit = ANGLES
+
+
+class FitQuery(Query):
+    """Which model."""
+
+    model: Literal["auto", "ggx", "cook_torrance", "ward", "phong", "blinn_phong"] = Field(
+        "ggx", description="model of the lobes; auto takes several times as long"
+    )
+    lobes: Literal["auto", "0", "1", "2", "3"] = Field("1", description="specular lobes on the diffuse base")
+    loss: Literal["auto", "energy", "relative", "cube_root", "log"] = Field("auto", description="what is made small")
+    base: Literal["lambert", "oren_nayar"] = Field("lambert", description="the diffuse part")
 
 
 def _albedo(material: Material, asked: AlbedoQuery) -> dict[str, Any]:
@@ -59,6 +71,17 @@ def _gloss(material: Material, _: Query) -> dict[str, Any]:
     return {**bc.gloss(material.brdf).to_json(), "id": material.id}
 
 
+def _fit(material: Material, asked: FitQuery) -> dict[str, Any]:
+    lobes = asked.lobes if asked.lobes == "auto" else int(asked.lobes)
+    found = bc.fit(material.brdf, asked.model, lobes, asked.loss, base=asked.base)
+    return {**found.to_json(), "id": material.id}
+
+
+def _fit_seconds(channels: int, asked: FitQuery) -> float:
+    lobes = 3 if asked.lobes == "auto" else int(asked.lobes)
+    return 0.3 * channels * (1 + lobes) * (1.5 if asked.model == "auto" else 1.0)
+
+
 def _report(material: Material, _: Query) -> dict[str, Any]:
     return {"name": material.name, "id": material.id, "report": material.brdf.report}
 
@@ -89,6 +112,20 @@ ANALYSES = (
         kept=True,
         example="",
         title="gloss",
+    ),
+    Resource(
+        "fit",
+        "the analytic model nearest to it",
+        FitQuery,
+        FitAnswer,
+        "A diffuse base and up to three lobes: terms as a model file has them, every parameter with its 95 % interval "
+        "or the reason why it has none, and the share of the energy that the model misplaces. Takes seconds.",
+        "the model and what it loses",
+        compute=_fit,
+        seconds=_fit_seconds,
+        kept=True,
+        example="model=ggx&lobes=1",
+        title="nearest model",
     ),
     Resource(
         "albedo",

@@ -65,6 +65,32 @@ class ChecksAnswer(Strict):
     id: str
 
 
+class FittedParameter(Strict):
+    """One parameter of a fitted model."""
+
+    name: str
+    value: float
+    stderr: float | None
+    low: float | None = Field(description="lower end of the 95 % interval; null: the data do not tell, see why")
+    high: float | None
+    why: str = Field(description="why there is no interval: at its bound, not identified, of a lobe that is not used")
+
+
+class FitAnswer(Strict):
+    """The analytic model nearest to a material, and what it loses."""
+
+    terms: list[dict[str, Any]] = Field(description="their sum is the model, as in a model file")
+    loss: dict[str, str | float] = Field(description="name and value of what was made small")
+    l1: float = Field(description="share of the reflected energy that the model misplaces")
+    l1_stderr: float | None = Field(description="its standard error; null: of measured points, over these")
+    condition: float | None = Field(description="condition number of the problem, columns scaled to length 1")
+    estimates: list[FittedParameter]
+    correlated: list[dict[str, str | float]] = Field(description="parameters that the data hardly tell apart")
+    angles: dict[str, list[float]] = Field(description="what it was fitted for, radians")
+    remarks: list[str]
+    id: str
+
+
 class GlossGeometry(Strict):
     """A glossmeter's geometry, degrees: pairs are in the plane of incidence, and across it."""
 

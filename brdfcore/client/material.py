@@ -164,6 +164,13 @@ class Described:
         return exchanges.told(self.id, "gloss")
 
     @question
+    def fit(
+        self, model: str = "ggx", lobes: int | str = 1, loss: str = "auto", *, base: str = "lambert"
+    ) -> Exchange[dict[str, Any]]:
+        """What `bc.fit` finds, computed by the service, as its JSON: `terms`, `l1`, `estimates`."""
+        return exchanges.told(self.id, "fit", {"model": model, "lobes": str(lobes), "loss": loss, "base": base})
+
+    @question
     def harmonics(
         self, lmax: int = 32, *, target: Target = "f_cos_cos", window: Window = "none", symmetrise: bool = False
     ) -> Exchange[dict[str, Any]]:

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from brdf_service.schemas.analysis import ChecksAnswer, GlossAnswer
+from brdf_service.schemas.analysis import ChecksAnswer, FitAnswer, GlossAnswer
 from starlette.testclient import TestClient
 
 import brdfcore as bc
@@ -36,6 +36,15 @@ def test_gloss(shared_client: TestClient, original: Path) -> None:
     assert content == {**plain(here.to_json()), "id": content["id"]}  # type: ignore[dict-item]
     assert content["gloss"]["20"]["values"][0] > 1000  # silver: 100 is a reflectance of .049
     assert content["haze"]["astm_e430"]["values"] == [0.0]
+
+
+def test_fit(shared_client: TestClient, original: Path) -> None:
+    content = shared_client.get("/v1/materials/red/fit?model=ward").json()
+    FitAnswer.model_validate(content, strict=True)
+    here = bc.fit(local(original, "red"), "ward", 1)
+    assert content == {**plain(here.to_json()), "id": content["id"]}  # type: ignore[dict-item]
+    assert_problem(shared_client.get("/v1/materials/mirror/fit"), 422, "no_energy")
+    assert_problem(shared_client.get("/v1/materials/red/fit?lobes=7"), 422, "bad_choice")
 
 
 @pytest.mark.parametrize("what", ["checks", "gloss"])

@@ -39,6 +39,7 @@ def test_numbers_beyond_float64(shared_client: TestClient, kind: str, number: st
     [
         "checks",
         "gloss",
+        "fit",
         "harmonics?lmax=8",
         "harmonics.svg",
         "albedo?theta_i=0,30",

@@ -22,6 +22,9 @@ def test_the_service_answers_as_the_library(client: Client, local: dict[str, bc.
     assert mirror.checks() == {**checks, "id": mirror.id}
     gloss = json.loads(json.dumps(bc.gloss(local["mirror"]).to_json()))
     assert mirror.gloss() == {**gloss, "id": mirror.id}
+    fitted = json.loads(json.dumps(bc.fit(local["paper"], "ward", 1).to_json()))
+    paper = client.material("paper")
+    assert paper.fit("ward") == {**fitted, "id": paper.id}
     grid = client.material("gold-grid")
     told = bc.harmonic_summary(bc.project(local["gold-grid"], 3, window="hann"))
     assert grid.harmonics(3, window="hann") == {**json.loads(json.dumps(told)), "id": grid.id}
