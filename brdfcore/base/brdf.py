@@ -18,6 +18,7 @@ from brdfcore.base.peaks import changes_beside, peaks
 from brdfcore.base.pole import evaluate_by_angles
 from brdfcore.base.provenance import Provenance, add_in_squares
 from brdfcore.base.quadrature import integrate_hemisphere
+from brdfcore.base.sampling import Sampling
 from brdfcore.base.status import weaker
 
 #: Estimated error of an albedo, relative to max(1, albedo), at which `Brdf.albedo` is content, and the evaluations an
@@ -35,7 +36,7 @@ ALBEDOS_KEPT = 1024
 FLAGS = ("bilateral", "reciprocal", "energy_conserving", "non_negative")
 
 
-class Brdf(Provenance, ABC):
+class Brdf(Provenance, Sampling, ABC):
     """A bidirectional reflectance distribution function f_r(theta_i, theta_o, delta_phi), isotropic.
 
     Attributes

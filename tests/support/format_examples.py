@@ -201,6 +201,7 @@ OWN: dict[str, Callable[[Path], bytes]] = {
     "pbrt": lambda _: pbrt_text().encode(),
     "bird": lambda _: bird_text().encode(),
     "tracepro": lambda _: tracepro_text().encode(),
+    "rgl": lambda _: encode(fields_of()),
     "bsdf_xml": _small("bsdf_xml", basis="quarter"),
     "mbsdf": _small("mbsdf", shape="4,6"),
 }

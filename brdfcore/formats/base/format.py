@@ -69,6 +69,11 @@ class Format(ABC):
         """Whether `write` takes this kind of material; asked where several formats share an extension."""
         return self.writable
 
+    def keeps_every_bit(self, brdf: Brdf) -> bool:
+        """Whether what `write` makes of this material reads to the same answers; asked where that is not clear by
+        `exact`."""
+        return self.exact
+
     @abstractmethod
     def read(self, path: Path, **options: Any) -> Brdf:
         """Read a file. `FileFormatError` names file, field and offset; `StorageError` if it can't be opened."""

@@ -103,7 +103,7 @@ def format_for(brdf: Brdf, path: str | PathLike[str], format: str | None = None)
     matches = [n for n in writable if suffix in _format(n).EXTENSIONS]
     if len(matches) > 1:
         matches = [n for n in matches if _format(n).can_write(brdf)] or matches
-        matches = [n for n in matches if _format(n).exact] or matches
+        matches = [n for n in matches if _format(n).keeps_every_bit(brdf)] or matches
     if len(matches) != 1:
         listed = ", ".join(f"{n} ({' '.join(_format(n).EXTENSIONS)})" for n in writable)
         raise InputError(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.channels import RGB
+from brdfcore.base.channels import RGB, Channels
 from brdfcore.base.errors import InputError
 from brdfcore.tables.vndf_warp import VndfWarp
 
@@ -21,13 +21,8 @@ LUMINANCE = (0.212671, 0.71516, 0.072169)
 _VISIBLE = (400.0, 700.0)
 
 
-def fields_of_table(table: VndfWarp) -> dict[str, npt.NDArray[Any]]:
-    """Fields in the order of the database's files; the samples and profiles are the table's own bits.
-
-    The density of visible normals is the table's, normalised in float32; a reader normalises it again, which may move
-    values by a few 1e-7 of themselves. Raises `InputError` for channels that are neither RGB nor wavelengths.
-    """
-    arrays, channels = table.to_arrays(), table.channels
+def check_channels(channels: Channels) -> None:
+    """`InputError` unless they are R, G, B or ascending wavelengths."""
     if channels != RGB and channels.kind != "wavelength":
         raise InputError(
             "channels_not_held",
@@ -40,6 +35,16 @@ def fields_of_table(table: VndfWarp) -> dict[str, npt.NDArray[Any]]:
         raise InputError(
             "channels_not_held", "an RGL file lists its wavelengths ascending", where="brdf", got=channels.to_json()
         )
+
+
+def fields_of_table(table: VndfWarp) -> dict[str, npt.NDArray[Any]]:
+    """Fields in the order of the database's files; the samples and profiles are the table's own bits.
+
+    The density of visible normals is the table's, normalised in float32; a reader normalises it again, which may move
+    values by a few 1e-7 of themselves. Raises `InputError` for channels that are neither RGB nor wavelengths.
+    """
+    arrays, channels = table.to_arrays(), table.channels
+    check_channels(channels)
     samples = np.ascontiguousarray(np.moveaxis(arrays["spectra"], -1, 1))[None]  # (1, K, C, N, N)
     density = arrays["warp"][..., 0]
     # a power of two keeps the bits; the database's own files sum to about 1 as well

@@ -6,6 +6,7 @@ The files hold f_r cos(theta_o) in the parameterisation of `tables.vndf_warp`, a
 from __future__ import annotations
 
 import hashlib
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,15 @@ from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import RGB, Channels
 from brdfcore.base.conventions import THETA_MAX
-from brdfcore.base.errors import FileFormatError, InputError
+from brdfcore.base.errors import FileFormatError
 from brdfcore.base.parameters import Parameter, resolve
-from brdfcore.formats.base.format import Format, read_bytes
+from brdfcore.formats.base.format import Format, LossWarning, read_bytes
 from brdfcore.formats.base.import_report import measures_of
-from brdfcore.formats.rgl.fields import fields_of_table
+from brdfcore.formats.rgl.fields import check_channels, fields_of_table
 from brdfcore.formats.rgl.tensor_file import MAGIC, Field, TensorFile, damaged, decode, encode
 from brdfcore.metrics import measured_flags
-from brdfcore.tables.vndf_warp import VndfWarp
+from brdfcore.tables.base.table import BuildOptions
+from brdfcore.tables.vndf_warp import DEFAULT_BYTES, VndfWarp, shape_within
 
 #: Largest file read; the largest published isotropic one takes 15 MB.
 MAX_BYTES = 2_000_000_000
@@ -46,7 +48,9 @@ class RglFormat(Format):
     """Isotropic measurements of the RGL material database (`tensor_file`), RGB or spectral.
 
     Read into a `VndfWarp`: exact, no resampling. Written byte for byte as read (what no look-up touches is kept
-    beside the table for that); any other `VndfWarp` can be written too. Anisotropic files are refused.
+    beside the table for that), and any other `VndfWarp` in its own samples. Any other material is fitted to the
+    parameterisation first (`tables.vndf_warp.fit`), so that what reads these files renders it: wavelengths, R, G, B, or
+    one channel, which is written as three equal ones. A mirror part is left out. Anisotropic files are refused.
     """
 
     name = "rgl"
@@ -59,12 +63,18 @@ class RglFormat(Format):
     PARAMETERS = (
         Parameter("negatives", "", "what negative samples become", "keep", kind="choice", choices=("keep", "zero")),
     )
+    WRITE_PARAMETERS = (
+        Parameter(
+            "max_bytes", "", "size that a material of another parameterisation is fitted to; its error falls with it",
+            DEFAULT_BYTES, bounds=(1e4, 2e9), unit="bytes", per_channel=False,
+        ),
+    )  # fmt: skip
     writable = True
 
     def sniff(self, head: bytes) -> bool:
         return head.startswith(MAGIC)
 
-    def can_write(self, brdf: Brdf) -> bool:
+    def keeps_every_bit(self, brdf: Brdf) -> bool:
         return isinstance(brdf, VndfWarp)
 
     def read(self, path: Path, **options: Any) -> Brdf:
@@ -78,22 +88,38 @@ class RglFormat(Format):
         return _Reader(path.name, data).table(choice)
 
     def write(self, brdf: Brdf, path: Path, **options: Any) -> Brdf:
-        """Write a `vndf_warp` table; `InputError` for anything else.
+        """Write any material; `InputError` for channels that are no wavelengths, nor R, G, B, nor single.
 
-        One that was read from a file is written byte for byte as it was; of others, what no look-up reads is made anew
-        (`rgl_fields`).
+        One that was read from a file is written byte for byte as it was; of another `vndf_warp` table, what no look-up
+        reads is made anew (`fields_of_table`); anything else is fitted, to a file of about `max_bytes` at most.
         """
+        chosen = resolve("writing format 'rgl'", self.WRITE_PARAMETERS, options)
         if not isinstance(brdf, VndfWarp):
-            raise InputError(
-                "not_an_rgl_material",
-                f"an RGL file holds its own adaptive parameterisation, and {type(brdf).__name__} is in another: "
-                "only a vndf_warp table can be written; use the openmaterial format or a table file for others",
-                where="brdf",
-                got=type(brdf).__name__,
-                expected="a vndf_warp table: what read() makes of an RGL file, or a table file of one",
-            )
+            brdf = _fitted(brdf, chosen["max_bytes"])
         fields = brdf._auxiliary if brdf._auxiliary is not None else fields_of_table(brdf)
         return write_file(path, encode(fields), self.read)
+
+
+def _fitted(brdf: Brdf, max_bytes: float) -> VndfWarp:
+    """A `VndfWarp` of any material whose channels a file can hold."""
+    single = len(brdf.channels) == 1 and brdf.channels.kind != "wavelength"
+    if not single:
+        check_channels(brdf.channels)
+    if brdf.has_delta:
+        warnings.warn("an RGL file holds no mirror part: it is left out", LossWarning, stacklevel=4)
+    shape = shape_within(max_bytes, 3 if single else len(brdf.channels), file=True)
+    nodes = (shape.incidences, shape.samples, shape.azimuths, shape.polar)
+    table = VndfWarp.build(brdf, BuildOptions(shape=nodes))
+    if single:
+        arrays = table.to_arrays()
+        arrays["spectra"] = np.repeat(arrays["spectra"], 3, axis=-1)
+        three = VndfWarp.from_arrays(arrays, {}, RGB, table.flags)
+        three.source, three.metadata = table.source, table.metadata
+        table = three
+    named = str(brdf.metadata.get("description", "")) or str(table.source.get("name", ""))
+    named = named or str(brdf.metadata.get("model", "")) or "a material"
+    table.metadata = {**table.metadata, "description": f"{named} (fitted)"}
+    return table
 
 
 class _Reader:

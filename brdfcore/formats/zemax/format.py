@@ -99,6 +99,9 @@ class ZemaxFormat(Format):
     def can_write(self, brdf: Brdf) -> bool:
         return not brdf.has_delta and (len(brdf.channels) == 1 or brdf.channels == XYZ)
 
+    def keeps_every_bit(self, brdf: Brdf) -> bool:
+        return isinstance(brdf, SpecularGrid)
+
     def sniff(self, head: bytes) -> bool:
         rest = head.removeprefix(b"\xef\xbb\xbf").lstrip()
         while rest.startswith(b"#"):

@@ -16,18 +16,23 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import Brdf
+from brdfcore.base.brdf import FLAGS, Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import HALF_PI, THETA_MAX, FloatArray
 from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter
 from brdfcore.base.status import Status
+from brdfcore.metrics import measured_flags
 from brdfcore.tables.base.table import BuildOptions, Progress, Table
+from brdfcore.tables.vndf_warp.fit import checked_shape, fit, shape_within
 
 Float32Array = npt.NDArray[np.float32]
 
 #: Largest f_r cos(theta_o) of a table: divided by the horizon's cosine, 6e-17, it stays below float32's largest number.
 MAX_VALUE = 1e21
+#: Bytes, as an RGL file, of what a material in another parameterisation is fitted to where nothing is said; and those of
+#: the tables that a tolerance tries.
+DEFAULT_BYTES, FITTED_BYTES = 2e6, tuple(125e3 * 2**k for k in range(8))
 #: Shares of the file's nodes of the visible normals' density, along azimuth and polar angle, that `candidates` tries.
 THINNED = ((0.25, 0.5), (1 / 3, 0.5), (0.5, 0.5), (0.5, 1.0), (1.0, 1.0))
 #: Nodes of theta_i are float32: a last node this close below pi/2 is pi/2.
@@ -69,8 +74,13 @@ class VndfWarp(Table):
     """
 
     name = "vndf_warp"
-    SUMMARY = "the adaptive parameterisation of the RGL material database, exact for its files"
-    PARAMETERS = (Parameter("shape", "", "nodes of the visible normals' density, at most the file's", "", kind="text"),)
+    SUMMARY = "the adaptive parameterisation of the RGL material database: exact for its files, fitted to others"
+    PARAMETERS = (
+        Parameter(
+            "shape", "", "of an RGL file: nodes of the visible normals' density, at most the file's; of any other "
+            "source: theta_i, samples an axis, and these", "", kind="text",
+        ),
+    )  # fmt: skip
     STEP = 0.0
     _checks_domain = True
 
@@ -136,30 +146,25 @@ class VndfWarp(Table):
 
     @classmethod
     def can_hold(cls, source: Brdf) -> bool:
-        """Only what already is in this parameterisation: a file of the database, or a table made of one."""
+        """Whether "auto" considers it: what already is in this parameterisation. `build` fits any other as well."""
         return isinstance(source, VndfWarp)
 
     @classmethod
     def build(cls, source: Brdf, options: BuildOptions, progress: Progress | None = None) -> Self:
         """`source` itself as a new table; negatives="zero" sets negative samples to 0.
 
-        Exactly, unless a shape (n_y, n_x) asks for fewer nodes of the density of visible normals: `thinned`.
+        Exactly, unless a shape (n_y, n_x) asks for fewer nodes of the density of visible normals: `thinned`. A source
+        in another parameterisation is fitted (`tables.vndf_warp.fit`), shape (theta_i, samples) or with (n_y, n_x)
+        after them; default: about 2 MB as an RGL file.
         """
-        if not isinstance(source, VndfWarp):
-            raise InputError(
-                "source_not_held",
-                "vndf_warp holds materials read from RGL files, in their own warp, and nothing else; "
-                "choose another representation",
-                where="representation",
-                got=type(source).__name__,
-                expected="a material read from an RGL file",
-            )
         if options.fold or options.interpolation != "linear":
             raise InputError(
                 "bad_option",
                 "vndf_warp keeps the file's own samples: it takes no fold and no other interpolation",
                 where="fold" if options.fold else "interpolation",
             )
+        if not isinstance(source, VndfWarp):
+            return cls._fitted(source, options, progress)
         arrays, flags, done = source.to_arrays(), source.flags, list(source.report.get("done", []))
         if options.shape is not None:
             most = arrays["warp"].shape[1:3]
@@ -186,10 +191,50 @@ class VndfWarp(Table):
         return table
 
     @classmethod
+    def _fitted(cls, source: Brdf, options: BuildOptions, progress: Progress | None) -> Self:
+        count = len(source.channels)
+        if options.shape is None:
+            shape = shape_within(DEFAULT_BYTES, max(count, 3), file=True)  # one channel is written as three
+        else:
+            shape = checked_shape(options.shape, count)
+        if progress is not None:
+            progress(0, 1, "fitting the warp")
+        made = fit(source, shape)
+        done = []
+        negative = int((made["spectra"] < 0).sum())
+        if options.negatives == "zero" and negative:
+            made["spectra"] = np.maximum(made["spectra"], np.float32(0))
+            done.append(f"{negative} negative samples set to zero, as asked")
+        try:
+            table = cls.from_densities(**made, channels=source.channels, flags=dict.fromkeys(FLAGS, False))
+        except FileFormatError as error:
+            raise InputError("source_not_held", f"vndf_warp: {error.detail}", where="source") from error
+        flags = measured_flags(table) | {"non_negative": bool((made["spectra"] >= 0).all())}
+        for flag in FLAGS:
+            setattr(table, flag, flags[flag])
+        table.source = dict(getattr(source, "source", {}) or {})
+        table.metadata = dict(source.metadata)
+        table.report = {"done": done}
+        if progress is not None:
+            progress(1, 1, "fitting the warp")
+        return table
+
+    @classmethod
     def candidates(cls, source: Brdf, options: BuildOptions, max_bytes: int | None) -> Iterable[BuildOptions]:
-        """Fewer nodes of the density of visible normals, down to a quarter by a half; and all of them."""
-        if not isinstance(source, VndfWarp) or options.fold or options.interpolation != "linear":
+        """Fewer nodes of the density of visible normals, down to a quarter by a half; and all of them.
+
+        Of a source in another parameterisation: steps of about twice the bytes.
+        """
+        if options.fold or options.interpolation != "linear":
             return []
+        if not isinstance(source, VndfWarp):
+            sizes = FITTED_BYTES if max_bytes is None else (max_bytes,)
+            found = []
+            for size in sizes:
+                s = shape_within(size, len(source.channels), file=False)
+                of_shape = (s.incidences, s.samples, s.azimuths, s.polar)
+                found.append(replace(options, shape=of_shape, nbytes=s.table_bytes(len(source.channels))))
+            return found
         arrays = source.to_arrays()
         _, n_y, n_x, _ = arrays["warp"].shape
         found = []

@@ -1,0 +1,170 @@
+"""Directions drawn in proportion to f_r cos theta_o, and the density that they are drawn with."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from brdfcore.base import conventions
+from brdfcore.base.channels import Channels
+from brdfcore.base.conventions import FloatArray
+from brdfcore.base.errors import InputError
+
+#: Who makes samplers, by its name: it stands on kernels, which this room knows nothing of.
+_MAKER = "brdfcore.sampling.quantiles"
+
+
+class Sample(NamedTuple):
+    """Directions drawn.
+
+    wo      (..., 3) unit vectors, normal +z.
+    weight  (..., channels) f_r cos theta_o / pdf; of a draw from the mirror part its reflectance over its probability.
+    pdf     (...) density over solid angle, 1/sr; inf where the mirror part was drawn, which has none; 0 where nothing
+            can be (wi below the horizon), and the weight with it.
+    """
+
+    wo: FloatArray
+    weight: FloatArray
+    pdf: FloatArray
+
+    @property
+    def delta(self) -> npt.NDArray[np.bool_]:
+        """True where wo is the mirror direction of a perfect mirror part."""
+        return np.isinf(self.pdf)
+
+
+class Sampling:
+    """`sample` and `pdf` of a `Brdf`."""
+
+    channels: Channels
+    has_delta: bool
+    _sampler: Any = None
+
+    def sample(self, wi: npt.ArrayLike, u: npt.ArrayLike) -> Sample:
+        """One direction wo for each wi and pair of numbers u: importance sampling.
+
+        wi is held and wo drawn, whichever of the two a renderer calls light: weight = f_r(wi, wo) cos theta_o / pdf.
+        A material that is not reciprocal answers f_r(wo, wi) otherwise, so a path traced from the camera that wants
+        the light drawn has to give `wi` = view only where that is meant.
+
+        Parameters
+        ----------
+        wi : array_like, shape (..., 3)
+            Directions, normal +z, of any length.
+        u : array_like, shape (..., 2)
+            Numbers in [0, 1), random or from a sequence of low discrepancy; broadcast with wi. Near ones draw near
+            directions. float32 results only if both are float32.
+
+        The mean of `weight` over u is the albedo, the mirror part included. The first call prepares tables from some
+        200,000 values of f_r (`sampling.quantiles`). Drawn is in proportion to the mean of the channels, with .4 % of
+        an even part. Raises `InputError` for vectors without direction, and for u outside [0, 1).
+
+        >>> drawn = bc.model("lambert", reflectance=0.5).sample([0, 0, 1], [[0.1, 0.2], [0.7, 0.9]])
+        >>> drawn.weight.round(2).tolist(), (drawn.wo[:, 2] > 0).tolist()
+        ([[0.5], [0.5]], [True, True])
+        """
+        vectors = _paired(wi, u)
+        held, given, shape = vectors
+        chosen = None
+        if self.has_delta:
+            given, chosen, part = self._split(held, given)
+        maker = self._made_sampler()
+        wo, pdf = maker.draw(held, given)
+        weight = np.empty((len(held), len(self.channels)), held.dtype)
+        self.evaluate_vectors(held, wo, out=weight)  # type: ignore[attr-defined]
+        maker.weigh(weight, wo, pdf)
+        if chosen is not None:
+            rest = (1 - part).astype(held.dtype)
+            pdf *= rest
+            weight /= np.where(rest > 0, rest, 1)[:, None]
+            theta_i = conventions.HALF_PI if not chosen.any() else np.arccos(np.clip(_cosines(held[chosen]), 0, 1))
+            if chosen.any():
+                mirrored = _unit(held[chosen]) * np.array([-1, -1, 1], held.dtype)
+                wo[chosen], pdf[chosen] = mirrored, np.inf
+                weight[chosen] = self.delta_reflectance(theta_i) / part[chosen, None]  # type: ignore[attr-defined]
+        return Sample(wo.reshape(*shape, 3), weight.reshape(*shape, -1), pdf.reshape(shape))
+
+    def pdf(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> FloatArray:
+        """Density over solid angle of wo, 1/sr, with which `sample` draws wo for wi; shape as broadcast, without the
+        last axis. 0 where either has z <= 0. A mirror part adds nothing: it has no density.
+
+        >>> float(bc.model("lambert").pdf([0, 0, 1], [0, 0.6, 0.8]).round(2))  # cos / pi
+        0.25
+        """
+        vectors = conventions.scaled_vectors(conventions.raw_vectors(wi, wo))
+        found: FloatArray = self._made_sampler().density(vectors.wi, vectors.wo)
+        if self.has_delta:
+            found *= (1 - self._delta_part(vectors.wi)).astype(found.dtype)
+        return found.reshape(vectors.shape)
+
+    def _made_sampler(self) -> Any:
+        if self._sampler is None:
+            self._sampler = import_module(_MAKER).make_sampler(self)
+        return self._sampler
+
+    def _delta_part(self, wi: FloatArray) -> npt.NDArray[np.float64]:
+        """Probability of the mirror part, (n,): its share of the reflectance."""
+        cos_i = _cosines(wi)
+        sin_i = np.sqrt(np.maximum(1 - cos_i * cos_i, 0))
+        mirror = self.delta_reflectance(np.arccos(np.clip(cos_i, 0, 1))).mean(axis=-1)  # type: ignore[attr-defined]
+        regular = self._made_sampler().regular_reflectance(sin_i)
+        total = mirror + regular
+        part: npt.NDArray[np.float64] = np.divide(mirror, total, out=np.zeros_like(total), where=total > 0)
+        return np.where(cos_i > 0, part, 0.0)
+
+    def _split(
+        self, wi: FloatArray, u: FloatArray
+    ) -> tuple[FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.float64]]:
+        """u with its first number spread over [0, 1) again; where it chose the mirror part; that part's probability."""
+        part = self._delta_part(wi)
+        chosen = u[:, 0] < part
+        spread = np.divide(u[:, 0] - part, 1 - part, out=np.zeros(len(u)), where=part < 1)
+        below = np.nextafter(u.dtype.type(1), u.dtype.type(0))
+        first = np.clip(np.where(chosen, 0, spread), 0, below).astype(u.dtype)
+        return np.ascontiguousarray(np.stack([first, u[:, 1]], axis=1)), chosen, part
+
+
+def _paired(wi: npt.ArrayLike, u: npt.ArrayLike) -> tuple[FloatArray, FloatArray, tuple[int, ...]]:
+    """wi (n, 3) and u (n, 2), contiguous and of one type, and their broadcast shape."""
+    numbers = conventions.as_float("u", u)
+    if numbers.ndim == 0 or numbers.shape[-1] != 2:
+        raise InputError(
+            "not_pairs",
+            f"u: expected numbers of shape (..., 2), got {numbers.shape}",
+            where="u",
+            got=list(numbers.shape),
+            expected="(..., 2)",
+        )
+    inside = (numbers >= 0) & (numbers < 1)
+    if not inside.all():
+        index = [int(k) for k in np.argwhere(~inside)[0]]
+        got = float(numbers[tuple(index)])
+        said = f"u{index} = {got!r} is outside [0, 1)"
+        raise InputError("angle_outside", said, where="u", index=index, got=str(got), expected="[0, 1)")
+    vectors = conventions.scaled_vectors(conventions.raw_vectors(wi, np.ones(3, numbers.dtype)))
+    given = conventions.as_float("wi", wi)
+    shape = conventions.broadcast_shape(("wi", "u"), (given.shape[:-1], numbers.shape[:-1]))
+    dtype = vectors.dtype
+    held = vectors.wi.reshape(*given.shape[:-1], 3)
+    flat = [
+        np.ascontiguousarray(np.broadcast_to(x, (*shape, x.shape[-1])), dtype=dtype).reshape(-1, x.shape[-1])
+        for x in (held, numbers)
+    ]
+    # as in conventions.raw_vectors: kernels are compiled for memory that may be written
+    flat = [x if x.flags.behaved else x.copy() for x in flat]
+    return flat[0], flat[1], shape
+
+
+def _cosines(w: FloatArray) -> npt.NDArray[np.float64]:
+    wide = w.astype(np.float64)
+    cosines: npt.NDArray[np.float64] = wide[:, 2] / np.sqrt((wide * wide).sum(axis=1))
+    return cosines
+
+
+def _unit(w: FloatArray) -> npt.NDArray[np.float64]:
+    wide = w.astype(np.float64)
+    made: npt.NDArray[np.float64] = wide / np.sqrt((wide * wide).sum(axis=1))[:, None]
+    return made

@@ -1,0 +1,1 @@
+"""Directions drawn for any material, and the density that they are drawn with."""
