@@ -196,6 +196,103 @@ def check_uncertainty(b: Brdf) -> None:
     assert np.isfinite(np.delete(marked, 3, axis=0)).all()
 
 
+def check_sampling(b: Brdf, *, n: int = 20_000, seed: int = 11) -> None:
+    """Directions drawn: shapes and types, unit and above the horizon, weight = f cos/pdf with `pdf` of the same
+    directions, their mean the albedo; a chi-square test of directions against the density; errors that name the input.
+    """
+    rng = np.random.default_rng(seed)
+    count = len(b.channels)
+    for theta in np.radians([1.0, 30.0, 70.0]):
+        wi = 2 * np.array([np.sin(theta) * 0.6, -np.sin(theta) * 0.8, np.cos(theta)])
+        u = rng.random((n, 2))
+        wo, weight, pdf = drawn = b.sample(wi, u)
+        assert (wo.shape, weight.shape, pdf.shape) == ((n, 3), (n, count), (n,)), (wo.shape, weight.shape, pdf.shape)
+        assert np.allclose((wo * wo).sum(axis=1), 1, atol=1e-9)
+        assert np.isfinite(weight).all(), weight
+        regular = ~drawn.delta & (wo[:, 2] > 0)
+        assert (pdf > 0).all(), pdf.min()
+        assert drawn.delta.any() == (b.has_delta and bool((b.delta_reflectance(theta) > 0).any()))
+        if drawn.delta.any():
+            mirror = wi / 2 * [-1, -1, 1]
+            assert np.allclose(wo[drawn.delta], mirror, atol=1e-12), "the mirror part goes elsewhere"
+        again = b.pdf(wi, wo[regular])
+        off = np.abs(again - pdf[regular]) > 1e-6 * pdf[regular]
+        assert off.mean() < 0.002, f"pdf differs from that of the draw in {off.mean():.3g}"
+        f = b.evaluate_vectors(wi, wo[regular])
+        expected = f * (wo[regular, 2] / pdf[regular])[:, None]
+        assert np.allclose(weight[regular], expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max(initial=0))
+        albedo, error = b.albedo_error(theta)
+        spread = 6 * weight.std(axis=0) / np.sqrt(n) + 5 * error + 2e-3 * np.abs(albedo).max(initial=0)
+        assert (np.abs(weight.mean(axis=0) - albedo) <= spread).all(), (weight.mean(axis=0), albedo, spread)
+        if not regular.any():
+            continue
+        statistic, freedom = _chi_square(b, wi, u, wo[regular])
+        limit = freedom + 3.8 * np.sqrt(2 * freedom) + 10  # one in 10,000, by the normal approximation and its skew
+        assert statistic < limit, f"chi-square {statistic:.1f} with {freedom} degrees of freedom"
+    single = b.sample(wi.astype(np.float32), np.float32([0.3, 0.4]))
+    assert {x.dtype for x in single} == {np.dtype(np.float32)}
+    assert single.pdf.shape == ()
+    down = b.sample([0, 0.6, -0.8], [0.5, 0.5])
+    assert (down.weight == 0).all()
+    assert down.pdf == 0
+    assert b.pdf([0, 0.6, -0.8], [0, 0, 1]) == b.pdf([0, 0, 1], [0, 0.6, -0.8]) == 0
+    for bad in ([1.0, 0.5], [-0.1, 0.5], [np.nan, 0.5], [0.5, 1.0], [0.1, 0.2, 0.3]):
+        _refused(lambda bad=bad: b.sample([0, 0, 1], bad), "u")
+    for bad in ([0.0, 0.0, 0.0], [np.nan, 0.0, 1.0], [0.0, 1.0]):
+        _refused(lambda bad=bad: b.sample(bad, [0.1, 0.2]), "wi")
+
+
+def _chi_square(b: Brdf, wi: Any, u: Any, wo: Any) -> tuple[float, int]:
+    """(statistic, degrees of freedom) of draws against the integral of `pdf` over cells of 1/12 of the polar angle of
+    the half vector's quantiles and 1/10 of its turn, 6 x 6 points each; the rest is one cell."""
+    unit = wi / np.linalg.norm(wi)
+    x = np.array([unit[0], unit[1], 0.0])
+    x = x / np.linalg.norm(x)
+    y = np.array([-x[1], x[0], 0.0])
+
+    def half(w: Any) -> tuple[Any, Any]:
+        h = w + unit
+        h /= np.linalg.norm(h, axis=-1, keepdims=True)
+        # the square of the sine of half the angle: even in solid angle
+        return 0.5 * (h @ x) ** 2 / (1 + h[..., 2]) + 0.5 * (h @ y) ** 2 / (1 + h[..., 2]), np.arctan2(h @ y, h @ x)
+
+    z, phi = half(wo)
+    edges = np.concatenate([[0.0], np.quantile(z[: len(z) // 2], np.linspace(0, 1, 13)[1:-1])])
+    edges = np.unique(edges)
+    turns = np.linspace(-np.pi, np.pi, 11)
+    found = np.histogram2d(z[len(z) // 2 :], phi[len(z) // 2 :], [edges, turns])[0]
+    g = (np.arange(24) + 0.5) / 24
+    # a cell that spans decades is walked in steps that grow with z, its points weighed by them
+    spans = (edges[:-1] > 0) & (edges[1:] > 2 * edges[:-1])
+    low, growth = np.maximum(edges[:-1, None], 1e-300), np.log(edges[1:, None] / np.maximum(edges[:-1, None], 1e-300))
+    even = edges[:-1, None] + np.diff(edges)[:, None] * g
+    at_z = np.where(spans[:, None], low * np.exp(growth * g), even)
+    share = np.where(spans[:, None], at_z * growth / np.diff(edges)[:, None], 1.0) + 0 * g
+    at_z[0], share[0] = edges[1] * g**4, 4 * g**3  # the first begins at 0, and a lobe's tip may be far smaller
+    at_z = at_z.reshape(-1)
+    at_p = (turns[:-1, None] + np.diff(turns)[:, None] * g).reshape(-1)
+    zz, pp = np.meshgrid(at_z, at_p, indexing="ij")
+    s = 2 * np.sqrt(zz * (1 - zz))
+    h = s[..., None] * (np.cos(pp)[..., None] * x + np.sin(pp)[..., None] * y) + (1 - 2 * zz)[..., None] * [0, 0, 1.0]
+    dot = h @ unit
+    w = 2 * dot[..., None] * h - unit
+    density = np.zeros(zz.shape)
+    above = (dot > 0) & (w[..., 2] > 0)
+    density[above] = b.pdf(unit, w[above]) * 8 * dot[above]
+    cells = (edges.size - 1, 24, turns.size - 1, 24)
+    areas = np.diff(edges)[:, None] * np.diff(turns)[None]
+    expected = np.einsum("ikjl,ik->ij", density.reshape(cells), share) / 24**2 * areas * (len(u) / len(wo))
+    total = len(z) - len(z) // 2
+    expected *= total  # of those drawn from the regular part
+    # cells across an edge of the density (the horizon) are integrated badly: they are left out with the small ones
+    smooth = (density.reshape(cells).min(axis=(1, 3)) > 0) & (expected > 20)
+    left = total - expected[smooth].sum(), total - found[smooth].sum()
+    statistic = float((((found - expected) ** 2)[smooth] / expected[smooth]).sum())
+    if left[0] > 20:
+        statistic += float((left[1] - left[0]) ** 2 / left[0])
+    return statistic, int(smooth.sum())
+
+
 def check_vectors(b: Brdf, *, differing: float = 0.0) -> None:
     """From vectors as from angles, but for a part `differing`; exactly 0 at and below the horizon; any length; zero
     and NaN refused."""

@@ -41,6 +41,7 @@ class Sampling:
 
     channels: Channels
     has_delta: bool
+    _takes_vectors: bool
     _sampler: Any = None
 
     def sample(self, wi: npt.ArrayLike, u: npt.ArrayLike) -> Sample:
@@ -66,26 +67,25 @@ class Sampling:
         >>> drawn.weight.round(2).tolist(), (drawn.wo[:, 2] > 0).tolist()
         ([[0.5], [0.5]], [True, True])
         """
-        vectors = _paired(wi, u)
-        held, given, shape = vectors
-        chosen = None
+        held, given, shape = _paired(wi, u)
+        maker, chosen, part = self._made_sampler(), None, np.zeros(0)
         if self.has_delta:
+            held, given = _checked(held, given, shape)
             given, chosen, part = self._split(held, given)
-        maker = self._made_sampler()
-        wo, pdf = maker.draw(held, given)
-        weight = np.empty((len(held), len(self.channels)), held.dtype)
-        self.evaluate_vectors(held, wo, out=weight)  # type: ignore[attr-defined]
+        wo, pdf, usable = maker.draw(held, given)
+        if not usable:  # an error, or vectors of extreme length
+            held, given = _checked(held, given, shape)
+            wo, pdf, _ = maker.draw(held, given)
+        weight = self._values(maker, held, wo)
         maker.weigh(weight, wo, pdf)
         if chosen is not None:
             rest = (1 - part).astype(held.dtype)
             pdf *= rest
             weight /= np.where(rest > 0, rest, 1)[:, None]
-            theta_i = conventions.HALF_PI if not chosen.any() else np.arccos(np.clip(_cosines(held[chosen]), 0, 1))
-            if chosen.any():
-                mirrored = _unit(held[chosen]) * np.array([-1, -1, 1], held.dtype)
-                wo[chosen], pdf[chosen] = mirrored, np.inf
-                weight[chosen] = self.delta_reflectance(theta_i) / part[chosen, None]  # type: ignore[attr-defined]
-        return Sample(wo.reshape(*shape, 3), weight.reshape(*shape, -1), pdf.reshape(shape))
+            theta_i = np.arccos(np.clip(_cosines(held[chosen]), 0, 1))
+            wo[chosen], pdf[chosen] = _unit(held[chosen]) * np.array([-1, -1, 1]), np.inf
+            weight[chosen] = self.delta_reflectance(theta_i) / part[chosen, None]  # type: ignore[attr-defined]
+        return Sample(wo.reshape(*shape, 3), weight.reshape(*shape, len(self.channels)), pdf.reshape(shape))
 
     def pdf(self, wi: npt.ArrayLike, wo: npt.ArrayLike) -> FloatArray:
         """Density over solid angle of wo, 1/sr, with which `sample` draws wo for wi; shape as broadcast, without the
@@ -99,6 +99,15 @@ class Sampling:
         if self.has_delta:
             found *= (1 - self._delta_part(vectors.wi)).astype(found.dtype)
         return found.reshape(vectors.shape)
+
+    def _values(self, maker: Any, wi: FloatArray, wo: FloatArray) -> FloatArray:
+        """f_r of n pairs; of float32 vectors by angles in float32, where there is no look-up by vectors."""
+        values: FloatArray
+        if self._takes_vectors or wi.dtype != np.float32:
+            values = self.evaluate_vectors(wi, wo)  # type: ignore[attr-defined]
+        else:
+            values = self.evaluate(*maker.angles(wi, wo))  # type: ignore[attr-defined]
+        return values
 
     def _made_sampler(self) -> Any:
         if self._sampler is None:
@@ -138,24 +147,32 @@ def _paired(wi: npt.ArrayLike, u: npt.ArrayLike) -> tuple[FloatArray, FloatArray
             got=list(numbers.shape),
             expected="(..., 2)",
         )
-    inside = (numbers >= 0) & (numbers < 1)
-    if not inside.all():
-        index = [int(k) for k in np.argwhere(~inside)[0]]
-        got = float(numbers[tuple(index)])
-        said = f"u{index} = {got!r} is outside [0, 1)"
-        raise InputError("angle_outside", said, where="u", index=index, got=str(got), expected="[0, 1)")
-    vectors = conventions.scaled_vectors(conventions.raw_vectors(wi, np.ones(3, numbers.dtype)))
     given = conventions.as_float("wi", wi)
+    if given.ndim == 0 or given.shape[-1] != 3:
+        conventions.raw_vectors(given, np.ones(3))  # the error that says so
     shape = conventions.broadcast_shape(("wi", "u"), (given.shape[:-1], numbers.shape[:-1]))
-    dtype = vectors.dtype
-    held = vectors.wi.reshape(*given.shape[:-1], 3)
-    flat = [
-        np.ascontiguousarray(np.broadcast_to(x, (*shape, x.shape[-1])), dtype=dtype).reshape(-1, x.shape[-1])
-        for x in (held, numbers)
-    ]
-    # as in conventions.raw_vectors: kernels are compiled for memory that may be written
-    flat = [x if x.flags.behaved else x.copy() for x in flat]
+    dtype = given.dtype if given.dtype == numbers.dtype else np.dtype(np.float64)
+    flat = []
+    for x in (given, numbers):
+        last = x.shape[-1]
+        full = x if x.shape == (*shape, last) else np.broadcast_to(x, (*shape, last))
+        one = np.ascontiguousarray(full, dtype=dtype).reshape(-1, last)
+        # as in conventions.raw_vectors: kernels are compiled for memory that may be written
+        flat.append(one if one.flags.behaved else one.copy())
     return flat[0], flat[1], shape
+
+
+def _checked(wi: FloatArray, u: FloatArray, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """The same, of moderate length; an `InputError` that names what is no direction or no number in [0, 1)."""
+    inside = (u >= 0) & (u < 1)
+    if not inside.all():
+        n, c = (int(k) for k in np.argwhere(~inside)[0])
+        index = [*(int(k) for k in np.unravel_index(n, shape)), c] if shape else [c]
+        got = float(u[n, c])
+        said = f"u{index} = {got!r} is outside [0, 1)"
+        raise InputError("number_outside", said, where="u", index=index, got=str(got), expected="[0, 1)")
+    scaled = conventions.scaled_vectors(conventions.Vectors(wi, np.ones_like(wi), shape, wi.dtype))
+    return np.ascontiguousarray(scaled.wi), u
 
 
 def _cosines(w: FloatArray) -> npt.NDArray[np.float64]:

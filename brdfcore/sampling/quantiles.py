@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Float64Array = npt.NDArray[np.float64]
 
 #: Angles of incidence; cells along the azimuth and, given it, along zeta.
-INCIDENCES, AZIMUTHS, POLAR = 33, 64, 64
+INCIDENCES, AZIMUTHS, POLAR = 33, 64, 80
 #: Part of the energy that is drawn as from a Lambertian.
 EVEN = 0.004
 #: Nodes of the azimuth from wi, over half a turn, that g is found at.
@@ -52,18 +52,28 @@ class QuantileSampler:
         return {np.dtype(t): quantile_scale(k, m - 1, n - 3, t) for t in (np.float32, np.float64)}
 
     @cached_property
-    def _flat(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        return self.azimuth.reshape(-1), self.polar.reshape(-1)
+    def _flat(self) -> tuple[npt.NDArray[np.float32], ...]:
+        return self.azimuth.reshape(-1), self.polar.reshape(-1), cell_masses()
 
-    def draw(self, wi: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(wo (n, 3), density (n,)) of wi (n, 3) and u (n, 2), contiguous and of one type; wo is the normal and the
-        density 0 where wi has z <= 0."""
+    def draw(self, wi: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
+        """(wo (n, 3), density (n,), whether all could be read) of wi (n, 3) and u (n, 2), contiguous and of one type; wo
+        is the normal and the density 0 where wi has z <= 0."""
         from brdfcore.kernels.base import quantile_warp
 
         wo, density = np.empty_like(wi), np.empty(len(wi), wi.dtype)
         scale = self._scales[wi.dtype]
-        quantile_warp.draw(len(wi), wi.reshape(-1), u.reshape(-1), *self._flat, wo.reshape(-1), density, scale)
-        return wo, density
+        outside = quantile_warp.draw(
+            len(wi), wi.reshape(-1), u.reshape(-1), *self._flat, wo.reshape(-1), density, scale
+        )
+        return wo, density, not outside
+
+    def angles(self, wi: FloatArray, wo: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """theta_i, theta_o, delta_phi, (n,) each."""
+        from brdfcore.kernels.base import quantile_warp
+
+        found = [np.empty(len(wi), wi.dtype) for _ in range(3)]
+        quantile_warp.angles(len(wi), wi.reshape(-1), wo.reshape(-1), *found, self._scales[wi.dtype])
+        return found[0], found[1], found[2]
 
     def weigh(self, values: FloatArray, wo: FloatArray, density: FloatArray) -> None:
         """values (n, channels) of f_r times cos theta_o / density, in place."""
@@ -87,6 +97,19 @@ class QuantileSampler:
         return np.interp(y, np.linspace(0, 1, self.regular.size), self.regular)
 
 
+def _places() -> Float64Array:
+    """u1 at the nodes of a row."""
+    from brdfcore.kernels.base.quantile_warp import RISE, TIP
+
+    x = np.linspace(0, 1, POLAR + 1)
+    return np.where(x <= 0.5, TIP * x + RISE * x * x, 1 - (TIP + RISE) * (1 - x) ** 2)
+
+
+def cell_masses() -> npt.NDArray[np.float32]:
+    """(N + 2,): u1 of the cells of a row, and of the mirrored ones at its ends."""
+    return np.pad(np.diff(_places()), 1, mode="edge").astype(np.float32)
+
+
 def make_sampler(b: Brdf) -> QuantileSampler:
     """The sampler of `b`, from some 200,000 of its values."""
     y = np.linspace(0, 1, INCIDENCES)
@@ -100,7 +123,7 @@ def make_sampler(b: Brdf) -> QuantileSampler:
     # of a Lambertian that reflects everything `even` integrates to 1
     energy += EVEN * np.where(regular > 0, regular, 1.0)[:, None, None] * even
     sums = np.concatenate([np.zeros((*energy.shape[:2], 1)), np.cumsum(energy * width, axis=2)], axis=2)
-    u1 = 1 - (1 - np.linspace(0, 1, POLAR + 1)) ** 2
+    u1 = _places()
     given = np.stack([[np.interp(u1 * s[-1], s, _EDGES) for s in of] for of in sums])
     azimuth = np.stack([_azimuths(t, total, b.bilateral) for t, total in zip(turns, sums[:, :, -1])])
     polar = np.empty((*azimuth.shape, POLAR + 1))
@@ -151,8 +174,9 @@ def _azimuths(turns: Float64Array, density: Float64Array, bilateral: bool) -> Fl
     fine = np.interp(np.linspace(0, turns.size - 1, 16 * (turns.size - 1) + 1), np.arange(turns.size), turns)
     d = np.interp(fine, turns, density)
     sums = np.concatenate([[0.0], np.cumsum(0.5 * (d[1:] + d[:-1]) * np.diff(fine))])
-    places = np.linspace(0, 1, AZIMUTHS + 1)
+    v = np.linspace(-1, 1, AZIMUTHS + 1)
+    u2 = 1 - (1 - np.abs(v)) ** 2
     if not bilateral:
-        return np.interp(places * sums[-1], sums, fine)
-    half = np.interp(np.abs(2 * places - 1) * sums[-1], sums, fine)
-    return np.where(places < 0.5, -half, half)
+        return np.interp((0.5 + 0.5 * np.sign(v) * u2) * sums[-1], sums, fine)
+    half = np.interp(u2 * sums[-1], sums, fine)
+    return np.where(v < 0, -half, half)

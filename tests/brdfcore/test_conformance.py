@@ -30,6 +30,11 @@ def test_model(name: str) -> None:
     assert not MODELS[name].uncertainty(*testing.sample_angles(64)).any()  # a formula is not off
 
 
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in bc.models() else pytest.mark.slow) for n in MODELS])
+def test_model_sampling(name: str) -> None:
+    testing.check_sampling(MODELS[name])
+
+
 def test_examples_reach_every_choice(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also those that need an index of refraction; one that nothing reaches is a failure, not a silent gap."""
     for wanted in (
@@ -120,6 +125,8 @@ def test_representation(name: str, many: bool, materials: list[bc.Brdf], tmp_pat
         assert table.name == name
         testing.check_brdf(table, steps=interpolation == "nearest")
         testing.check_table(table, tmp_path)
+        if interpolation == "linear":
+            testing.check_sampling(table)
     with pytest.raises(bc.InputError) as refused:
         bc.tabulate(held[0], name, interpolation="no such thing")
     assert refused.value.context["where"] == "interpolation"

@@ -7,13 +7,16 @@ one to the next does so in between, and no node is searched for.
 
 Arrays (flat float32, C order), K nodes of y(theta_i) = 1 - (1 - sin theta_i)^(1/4), even in y:
 
-    azimuth  (K, M + 1)          phi at u2 = m/M, from -pi to pi
-    polar    (K, M + 1, N + 3)   zeta at u1 = 1 - (1 - n/N)^2, given phi of that m; from 0 to 1, and one node more at
-                                 each end, mirrored, for the cells beside
+    azimuth  (K, M + 1)          phi, from -pi to pi, at v = 2 m/M - 1 with 2 u2 - 1 = sign(v) (1 - (1 - |v|)^2)
+    polar    (K, M + 1, N + 3)   zeta, given phi of that m, from 0 to 1, at x = n/N with u1 = A x + B x^2 up to x = 1/2
+                                 and 1 - u1 = (A + B) (1 - x)^2 beyond; and one node more at each end, mirrored
+    mass     (N + 2,)            u1 of each cell, and of the mirrored ones
+
+Cells are small where much may change within little energy: at the tails, and at the tip of a lobe.
 
 A cell beside a much narrower one spans decades: it begins in a lobe and ends far out of it. Within a cell zeta grows
 as the 16th power of a place that is even in u1, which is nearly its exponential, from the density of the narrower
-neighbour on; between neighbours of its own width it grows evenly (`_graded`).
+denser neighbour on; between neighbours of its own density it grows evenly (`_graded`).
 
 Density over solid angles of wo: 1 / (dphi/du2 dzeta/du1 2 horizon 4 (wi.h)), as dwh = 2 d(sin^2(theta_h/2)) dphi and
 dwo = 4 (wi.h) dwh. Kernels work in the type of the vectors; `draw_numpy` is the twin of `draw`.
@@ -28,7 +31,13 @@ import numpy.typing as npt
 
 from brdfcore.base.conventions import FloatArray
 from brdfcore.kernels.machine.jit import inline, kernel, merged, prange
-from brdfcore.kernels.machine.vectorised import load, load_pair, sin, store
+from brdfcore.kernels.machine.vectorised import atan, load, load_pair, sin, store
+
+
+#: u1 = TIP x + RISE x^2 up to x = 1/2, where it meets 1 - (TIP + RISE) (1 - x)^2 with the same slope: the first cell holds
+#: a tenth of what even ones would, and its density does not fall to 0.
+TIP = 0.1
+RISE = 2 - 1.5 * TIP
 
 
 class QuantileScale(NamedTuple):
@@ -41,6 +50,11 @@ class QuantileScale(NamedTuple):
     eight: Any
     sixteen: Any
     least: Any
+    shortest: Any
+    longest: Any
+    tip: Any
+    rise: Any
+    middle: Any
     half_pi: Any
     pi: Any
     last_k: Any
@@ -52,7 +66,7 @@ def quantile_scale(incidences: int, azimuths: int, polar: int, dtype: npt.DTypeL
     """The constants for K = incidences, M = azimuths, N = polar."""
     number: Any = np.dtype(dtype).type
     return QuantileScale(
-        *(number(x) for x in (0, 0.5, 1, 2, 8, 16, 1e-9, np.pi / 2, np.pi, incidences - 1, azimuths, polar))
+        *(number(x) for x in (0, 0.5, 1, 2, 8, 16, 1e-9, 1e-12, 1e12, TIP, RISE, 0.5 * TIP + 0.25 * RISE, np.pi / 2, np.pi, incidences - 1, azimuths, polar))
     )
 
 
@@ -135,10 +149,13 @@ def _polar(polar, k, w, i, at_v, j, scale):
 
 
 @merged
-def _grading(before, low, high, after, scale):
-    """(from the low end, c, P(c)) of a cell: ratio R = 2 width/narrower neighbour - 1 of the densities at its ends, from
-    whichever end that neighbour is at, c = R^(1/16), P(x) = (x + 1)(x^2 + 1)(x^4 + 1)(x^8 + 1) = (x^16 - 1)/(x - 1)."""
-    width, left, right = high - low, low - before, after - high
+def _grading(before, low, high, after, mass, j, scale):
+    """(from the low end, R, P(c)) of cell j: R = 2 d - 1, the ratio of the densities at its ends, d that of the denser
+    neighbour to its own, from whichever end that is at; c = R^(1/16), P(x) = (x + 1)(x^2 + 1)(x^4 + 1)(x^8 + 1)
+    = (x^16 - 1)/(x - 1)."""
+    mass_0, mass_1 = load_pair(mass, j, low)
+    mass_2 = scale.one * load(mass, j + 2)
+    width, left, right = high - low, (low - before) * mass_1 / mass_0, (after - high) * mass_1 / mass_2
     upward = left <= right
     least = left if upward else right
     least = least if least > width * scale.least else width * scale.least
@@ -165,23 +182,45 @@ def _graded(part, upward, ratio, whole, scale):
 
 
 @merged
-def _drawn(x, y, z, u1, u2, azimuth, polar, scale):
+def _turn_place(u2, scale):
+    """Place in the azimuths' table, in [0, 1], and du2 by it."""
+    signed = scale.two * u2 - scale.one
+    root = np.sqrt(scale.one - abs(signed))
+    v = scale.half * (scale.one - root)
+    return scale.half - v if signed < scale.zero else scale.half + v, scale.two * root
+
+
+@merged
+def _part_place(u1, scale):
+    """Place in a row of zeta, in [0, 1], and du1 by it."""
+    inner = np.sqrt(scale.tip * scale.tip + scale.two * scale.two * scale.rise * u1)
+    last = scale.tip + scale.rise
+    outer = np.sqrt((scale.one - u1) * last)
+    near = u1 < scale.middle
+    x = scale.two * u1 / (scale.tip + inner) if near else scale.one - outer / last
+    return x, inner if near else scale.two * outer
+
+
+@merged
+def _drawn(x, y, z, u1, u2, azimuth, polar, mass, scale):
     """(above, wo, density) of one draw."""
     above, c, s, cos_p, sin_p = _frame(x, y, z, scale)
     k, w = _slice(c, s, scale)
-    v = u2 * scale.last_m
+    v, turn_slope = _turn_place(u2, scale)
+    v = v * scale.last_m
     i = np.floor(v)
     i = i if i < scale.last_m - scale.one else scale.last_m - scale.one
-    root = np.sqrt(scale.one - u1)
-    t = (scale.one - root) * scale.last_n
+    x, part_slope = _part_place(u1, scale)
+    t = x * scale.last_n
     j = np.floor(t)
     j = j if j < scale.last_n - scale.one else scale.last_n - scale.one
     phi_0, phi_1 = _azimuth(azimuth, k, w, np.int64(i), scale)
     before, zeta_0, zeta_1, after = _polar(polar, k, w, np.int64(i), v - i, np.int64(j), scale)
-    upward, ratio, whole = _grading(before, zeta_0, zeta_1, after, scale)
+    upward, ratio, whole = _grading(before, zeta_0, zeta_1, after, mass, np.int64(j), scale)
     share, slope = _graded(t - j, upward, ratio, whole, scale)
     phi = phi_0 + (phi_1 - phi_0) * (v - i)
     zeta = zeta_0 + (zeta_1 - zeta_0) * share
+    zeta = zeta if zeta > scale.zero else scale.zero  # by rounding, at u1 = 0
     cos_phi, sin_phi = _turn(phi, scale)
     edge = _horizon(c, s, cos_phi, scale)
     half = zeta * edge
@@ -193,38 +232,80 @@ def _drawn(x, y, z, u1, u2, azimuth, polar, scale):
     twice = scale.two * sin_h
     wo_z = c * (scale.one - twice * sin_h) + s * twice * cos_h * cos_phi
     area = (phi_1 - phi_0) * scale.last_m * (zeta_1 - zeta_0) * slope * scale.last_n
-    density = scale.two * root / (area * scale.eight * edge * dot)
+    density = turn_slope * part_slope / (area * scale.eight * edge * dot)
     return above, wo_x * cos_p - wo_y * sin_p, wo_x * sin_p + wo_y * cos_p, wo_z, density
 
 
 @kernel
-def draw(wi, u, azimuth, polar, wo, density, scale):
-    """wi (3 n,), u (2 n,) -> wo (3 n,), density (n,); 0 and the normal where wi has z <= 0."""
+def draw(wi, u, azimuth, polar, mass, wo, density, scale):
+    """wi (3 n,), u (2 n,) -> wo (3 n,), density (n,); the normal and 0 where wi has z <= 0.
+
+    Returns how many were no direction of a squared length within [1e-12, 1e12], or no numbers in [0, 1).
+    """
+    outside = np.int64(0)
     for p in prange(density.size):
-        above, x, y, z, d = _drawn(
-            load(wi, p * 3), load(wi, p * 3 + 1), load(wi, p * 3 + 2),
-            load(u, p * 2), load(u, p * 2 + 1), azimuth, polar, scale,
-        )  # fmt: skip
-        store(wo, p * 3, x if above else scale.zero)
-        store(wo, p * 3 + 1, y if above else scale.zero)
-        store(wo, p * 3 + 2, z if above else scale.one)
+        x, y, z = load(wi, p * 3), load(wi, p * 3 + 1), load(wi, p * 3 + 2)
+        u1, u2 = load(u, p * 2), load(u, p * 2 + 1)
+        length = x * x + y * y + z * z
+        # a comparison with NaN is false
+        inside = (length >= scale.shortest) & (length <= scale.longest)
+        inside = inside & (u1 >= scale.zero) & (u1 < scale.one) & (u2 >= scale.zero) & (u2 < scale.one)
+        x = x if inside else scale.zero
+        y = y if inside else scale.zero
+        z = z if inside else scale.one
+        u1 = u1 if inside else scale.zero
+        u2 = u2 if inside else scale.zero
+        above, o_x, o_y, o_z, d = _drawn(x, y, z, u1, u2, azimuth, polar, mass, scale)
+        store(wo, p * 3, o_x if above else scale.zero)
+        store(wo, p * 3 + 1, o_y if above else scale.zero)
+        store(wo, p * 3 + 2, o_z if above else scale.one)
         store(density, p, d if above else scale.zero)
+        outside += np.int64(0) if inside else np.int64(1)
+    return outside
+
+
+@merged
+def _polar_angle(x, y, z, scale):
+    """theta of a direction with z > 0, else pi/2."""
+    across = np.sqrt(x * x + y * y)
+    steep = across > z
+    tangent = (z if steep else across) / (across if steep else (z if z > scale.zero else scale.one))
+    angle = atan(tangent if tangent > scale.zero else scale.zero)
+    return scale.half_pi - angle if steep else angle
+
+
+@kernel
+def angles(wi, wo, theta_i, theta_o, delta_phi, scale):
+    """theta_i, theta_o, delta_phi (n,) of directions (3 n,) by the kernels' arctangent; pi/2 where z <= 0."""
+    for p in prange(theta_i.size):
+        a, b, c = load(wi, p * 3), load(wi, p * 3 + 1), load(wi, p * 3 + 2)
+        x, y, z = load(wo, p * 3), load(wo, p * 3 + 1), load(wo, p * 3 + 2)
+        store(theta_i, p, _polar_angle(a, b, c, scale))
+        store(theta_o, p, _polar_angle(x, y, z, scale))
+        along, across = a * x + b * y, a * y - b * x
+        size_x, size_y = abs(along), abs(across)
+        larger = size_x if size_x > size_y else size_y
+        smaller = size_y if size_x > size_y else size_x
+        turn = atan(smaller / (larger if larger > scale.zero else scale.one))
+        turn = scale.half_pi - turn if size_y > size_x else turn
+        turn = scale.pi - turn if along < scale.zero else turn
+        store(delta_phi, p, -turn if across < scale.zero else turn)
     return 0
 
 
 @kernel
 def weigh(values, wo, density, channels, scale):
-    """values (n C,) of f_r times cos theta_o / density in place; 0 where the density is."""
+    """values (n C,) of f_r times cos theta_o / density in place; 0 where the density is, and below the horizon."""
     for p in prange(density.size):
-        d = density[p]
-        factor = wo[p * 3 + 2] / d if d > scale.zero else scale.zero
+        d, z = density[p], wo[p * 3 + 2]
+        factor = z / d if d > scale.zero and z > scale.zero else scale.zero
         for c in range(channels):
             values[p * channels + c] *= factor
     return 0
 
 
 @inline
-def _place(azimuth, polar, k, w, phi, zeta, scale):
+def _place(azimuth, polar, mass, k, w, phi, zeta, scale):
     """dphi/du2 dzeta/du1 at (phi, zeta) as a quotient: the cell is found by halving."""
     columns = np.int64(scale.last_m) + 1
     low, high = np.int64(0), columns - 1
@@ -252,7 +333,7 @@ def _place(azimuth, polar, k, w, phi, zeta, scale):
         else:
             high = middle
     before, zeta_0, zeta_1, after = _polar(polar, k, w, i, at_v, low, scale)
-    upward, ratio, whole = _grading(before, zeta_0, zeta_1, after, scale)
+    upward, ratio, whole = _grading(before, zeta_0, zeta_1, after, mass, low, scale)
     share = (zeta - zeta_0) / (zeta_1 - zeta_0)
     share = share if upward else scale.one - share
     share = share if share > scale.zero else scale.zero
@@ -265,13 +346,18 @@ def _place(azimuth, polar, k, w, phi, zeta, scale):
     part = share * whole / ((t + scale.one) * (t2 + scale.one) * (t4 + scale.one) * (t8 + scale.one))
     slope = scale.sixteen * t8 * t4 * t2 * t / whole
     part = part if upward else scale.one - part
-    root = scale.one - (scale.one * low + part) / scale.last_n
-    root = root if root > scale.zero else scale.zero
-    return (phi_1 - phi_0) * scale.last_m * (zeta_1 - zeta_0) * slope * scale.last_n, scale.two * root
+    x = (scale.one * low + part) / scale.last_n
+    x = x if x < scale.one else scale.one
+    v = abs(scale.two * (scale.one * i + at_v) / scale.last_m - scale.one)
+    v = v if v < scale.one else scale.one
+    inner, outer = scale.tip + scale.two * scale.rise * x, scale.two * (scale.tip + scale.rise) * (scale.one - x)
+    part_slope = inner if x < scale.half else outer
+    area = (phi_1 - phi_0) * scale.last_m * (zeta_1 - zeta_0) * slope * scale.last_n
+    return area, part_slope * scale.two * (scale.one - v)
 
 
 @kernel
-def density(wi, wo, azimuth, polar, out, scale):
+def density(wi, wo, azimuth, polar, mass, out, scale):
     """Density at given directions, 1/sr: wi, wo (3 n,) -> out (n,); 0 where either has z <= 0."""
     for p in prange(out.size):
         above, c, s, cos_p, sin_p = _frame(wi[p * 3], wi[p * 3 + 1], wi[p * 3 + 2], scale)
@@ -290,7 +376,7 @@ def density(wi, wo, azimuth, polar, out, scale):
             cos_phi = h_x / across if across > scale.zero else scale.one
             edge = _horizon(c, s, cos_phi, scale)
             phi = np.arctan2(h_y, h_x)
-            area, steep = _place(azimuth, polar, k, w, phi, half / edge, scale)
+            area, steep = _place(azimuth, polar, mass, k, w, phi, half / edge, scale)
             dot = scale.half * h_z * secant
             found = steep / (area * scale.eight * edge * dot)
         out[p] = found
@@ -301,20 +387,30 @@ def density(wi, wo, azimuth, polar, out, scale):
 
 
 def draw_numpy(
-    wi: FloatArray, u: FloatArray, azimuth: npt.NDArray[np.float32], polar: npt.NDArray[np.float32]
+    wi: FloatArray,
+    u: FloatArray,
+    azimuth: npt.NDArray[np.float32],
+    polar: npt.NDArray[np.float32],
+    mass: npt.NDArray[np.float32],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """The twin of `draw`, of unit wi (n, 3) with z > 0, u (n, 2), tables in their shapes; library functions, float64."""
     wi, u = np.asarray(wi, np.float64), np.asarray(u, np.float64)
     theta_i, turn = np.arctan2(np.hypot(wi[:, 0], wi[:, 1]), wi[:, 2]), np.arctan2(wi[:, 1], wi[:, 0])
     k, w = _cell(1 - (1 - np.sin(theta_i)) ** 0.25, polar.shape[0] - 1)
-    i, at_v = _cell(u[:, 1], polar.shape[1] - 1)
-    j, at_t = _cell(1 - np.sqrt(1 - u[:, 0]), polar.shape[2] - 3)
+    signed = 2 * u[:, 1] - 1
+    i, at_v = _cell(0.5 + 0.5 * np.sign(signed) * (1 - np.sqrt(1 - np.abs(signed))), polar.shape[1] - 1)
+    last, first = TIP + RISE, u[:, 0]
+    near = first < 0.5 * TIP + 0.25 * RISE
+    x = np.where(near, (np.sqrt(TIP**2 + 4 * RISE * first) - TIP) / (2 * RISE), 1 - np.sqrt((1 - first) / last))
+    j, at_t = _cell(x, polar.shape[2] - 3)
+    slopes = np.where(near, TIP + 2 * RISE * x, 2 * last * (1 - x)) * 2 * np.sqrt(1 - np.abs(signed))
     ends = [_mixed(azimuth, w, k, i + a) for a in (0, 1)]
     rows = [[_mixed(polar, w, k, i + a, j + b) for a in (0, 1)] for b in range(4)]
     zeta = [a * (1 - at_v) + b * at_v for a, b in rows]
     widths = np.diff(zeta, axis=0)
-    upward = widths[0] <= widths[2]
-    ratio = np.maximum(2 * widths[1] / np.maximum(np.minimum(widths[0], widths[2]), 1e-9 * widths[1]) - 1, 1)
+    left, right = (widths[a] * mass[j + 1].astype(np.float64) / mass[j + a] for a in (0, 2))
+    upward = left <= right
+    ratio = np.maximum(2 * widths[1] / np.maximum(np.minimum(left, right), 1e-9 * widths[1]) - 1, 1)
     c = ratio ** (1 / 16)
     x = np.where(upward, at_t, 1 - at_t)
     t = 1 + x * (c - 1)
@@ -324,12 +420,12 @@ def draw_numpy(
     at_zeta = zeta[1] + widths[1] * np.where(upward, share, 1 - share)
     phi = ends[0] * (1 - at_v) + ends[1] * at_v
     edge = np.sin(0.25 * np.arctan2(np.cos(theta_i), -np.sin(theta_i) * np.cos(phi))) ** 2
-    theta_h = 2 * np.arcsin(np.sqrt(at_zeta * edge))
+    theta_h = 2 * np.arcsin(np.sqrt(np.maximum(at_zeta, 0) * edge))
     s = np.sin(theta_h)
     h = np.stack([s * np.cos(phi + turn), s * np.sin(phi + turn), np.cos(theta_h)], axis=-1)
     dot = (h * wi).sum(axis=-1)
     area = (ends[1] - ends[0]) * (polar.shape[1] - 1) * widths[1] * slope * (polar.shape[2] - 3)
-    return 2 * dot[:, None] * h - wi, 2 * np.sqrt(1 - u[:, 0]) / (area * 8 * edge * dot)
+    return 2 * dot[:, None] * h - wi, slopes / (area * 8 * edge * dot)
 
 
 def _cell(place: FloatArray, last: int) -> tuple[npt.NDArray[np.intp], FloatArray]:
