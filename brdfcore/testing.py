@@ -215,17 +215,17 @@ def check_sampling(b: Brdf, *, n: int = 20_000, seed: int = 11) -> None:
         if drawn.delta.any():
             mirror = wi / 2 * [-1, -1, 1]
             assert np.allclose(wo[drawn.delta], mirror, atol=1e-12), "the mirror part goes elsewhere"
+        albedo, error = b.albedo_error(theta)
+        spread = 6 * weight.std(axis=0) / np.sqrt(n) + 5 * error + 2e-3 * np.abs(albedo).max(initial=0)
+        assert (np.abs(weight.mean(axis=0) - albedo) <= spread).all(), (weight.mean(axis=0), albedo, spread)
+        if not regular.any():
+            continue
         again = b.pdf(wi, wo[regular])
         off = np.abs(again - pdf[regular]) > 1e-6 * pdf[regular]
         assert off.mean() < 0.002, f"pdf differs from that of the draw in {off.mean():.3g}"
         f = b.evaluate_vectors(wi, wo[regular])
         expected = f * (wo[regular, 2] / pdf[regular])[:, None]
         assert np.allclose(weight[regular], expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max(initial=0))
-        albedo, error = b.albedo_error(theta)
-        spread = 6 * weight.std(axis=0) / np.sqrt(n) + 5 * error + 2e-3 * np.abs(albedo).max(initial=0)
-        assert (np.abs(weight.mean(axis=0) - albedo) <= spread).all(), (weight.mean(axis=0), albedo, spread)
-        if not regular.any():
-            continue
         statistic, freedom = _chi_square(b, wi, u, wo[regular])
         limit = freedom + 3.8 * np.sqrt(2 * freedom) + 10  # one in 10,000, by the normal approximation and its skew
         assert statistic < limit, f"chi-square {statistic:.1f} with {freedom} degrees of freedom"
@@ -243,8 +243,8 @@ def check_sampling(b: Brdf, *, n: int = 20_000, seed: int = 11) -> None:
 
 
 def _chi_square(b: Brdf, wi: Any, u: Any, wo: Any) -> tuple[float, int]:
-    """(statistic, degrees of freedom) of draws against the integral of `pdf` over cells of 1/12 of the polar angle of
-    the half vector's quantiles and 1/10 of its turn, 6 x 6 points each; the rest is one cell."""
+    """(statistic, degrees of freedom) of half of the draws against the integral of `pdf` over cells of the half vector:
+    12 quantiles of the other half along its polar angle, 10 turns, 96 x 16 points each; the rest is one cell."""
     unit = wi / np.linalg.norm(wi)
     x = np.array([unit[0], unit[1], 0.0])
     x = x / np.linalg.norm(x)
@@ -261,7 +261,7 @@ def _chi_square(b: Brdf, wi: Any, u: Any, wo: Any) -> tuple[float, int]:
     edges = np.unique(edges)
     turns = np.linspace(-np.pi, np.pi, 11)
     found = np.histogram2d(z[len(z) // 2 :], phi[len(z) // 2 :], [edges, turns])[0]
-    g = (np.arange(24) + 0.5) / 24
+    g, around = (np.arange(96) + 0.5) / 96, (np.arange(16) + 0.5) / 16
     # a cell that spans decades is walked in steps that grow with z, its points weighed by them
     spans = (edges[:-1] > 0) & (edges[1:] > 2 * edges[:-1])
     low, growth = np.maximum(edges[:-1, None], 1e-300), np.log(edges[1:, None] / np.maximum(edges[:-1, None], 1e-300))
@@ -270,7 +270,7 @@ def _chi_square(b: Brdf, wi: Any, u: Any, wo: Any) -> tuple[float, int]:
     share = np.where(spans[:, None], at_z * growth / np.diff(edges)[:, None], 1.0) + 0 * g
     at_z[0], share[0] = edges[1] * g**4, 4 * g**3  # the first begins at 0, and a lobe's tip may be far smaller
     at_z = at_z.reshape(-1)
-    at_p = (turns[:-1, None] + np.diff(turns)[:, None] * g).reshape(-1)
+    at_p = (turns[:-1, None] + np.diff(turns)[:, None] * around).reshape(-1)
     zz, pp = np.meshgrid(at_z, at_p, indexing="ij")
     s = 2 * np.sqrt(zz * (1 - zz))
     h = s[..., None] * (np.cos(pp)[..., None] * x + np.sin(pp)[..., None] * y) + (1 - 2 * zz)[..., None] * [0, 0, 1.0]
@@ -279,9 +279,10 @@ def _chi_square(b: Brdf, wi: Any, u: Any, wo: Any) -> tuple[float, int]:
     density = np.zeros(zz.shape)
     above = (dot > 0) & (w[..., 2] > 0)
     density[above] = b.pdf(unit, w[above]) * 8 * dot[above]
-    cells = (edges.size - 1, 24, turns.size - 1, 24)
+    cells = (edges.size - 1, g.size, turns.size - 1, around.size)
     areas = np.diff(edges)[:, None] * np.diff(turns)[None]
-    expected = np.einsum("ikjl,ik->ij", density.reshape(cells), share) / 24**2 * areas * (len(u) / len(wo))
+    expected = np.einsum("ikjl,ik->ij", density.reshape(cells), share) / (g.size * around.size) * areas
+    expected *= len(u) / len(wo)
     total = len(z) - len(z) // 2
     expected *= total  # of those drawn from the regular part
     # cells across an edge of the density (the horizon) are integrated badly: they are left out with the small ones

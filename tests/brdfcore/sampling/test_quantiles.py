@@ -45,7 +45,7 @@ def test_kernels_agree_with_their_twin(source: bc.Brdf) -> None:
     twin_wo, twin_density = quantile_warp.draw_numpy(wi, u, made.azimuth, made.polar, cell_masses())
     assert usable
     assert np.abs(wo - twin_wo).max() < 1e-7  # next to u1 = 0 the twin's t^16 - 1 cancels
-    assert np.quantile(np.abs(wo - twin_wo), 0.99) < 1e-12
+    assert np.quantile(np.abs(wo - twin_wo), 0.99) < 1e-9
     assert np.quantile(np.abs(density / twin_density - 1), 0.999) < 1e-6
     again = made.density(wi, wo)
     assert np.quantile(np.abs(again / density - 1), 0.999) < 1e-6

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +16,7 @@ from brdfcore.tables.base.table import BuildOptions
 from brdfcore.tables.vndf_warp import VndfWarp
 from brdfcore.tables.vndf_warp.fit import WarpShape, incidence_nodes, shape_within
 from tests import shared
+from tests.support import rendering
 
 GOLD = bc.model("ggx", roughness=0.1, ior=["gold", "copper", "silver"])
 
@@ -32,15 +30,14 @@ def error(source: bc.Brdf, table: bc.Brdf) -> float:
     [
         (bc.model("ggx", roughness=0.3, ior="gold"), 0.003),
         (bc.model("ggx", roughness=0.03, ior="gold"), 0.006),
-        (bc.model("oren_nayar"), 0.005),
-        (bc.model("lambert", reflectance=[0.2, 0.5, 0.8]), 0.004),
+        pytest.param(bc.model("oren_nayar"), 0.005, marks=pytest.mark.slow),
+        pytest.param(bc.model("lambert", reflectance=[0.2, 0.5, 0.8]), 0.004, marks=pytest.mark.slow),
     ],
     ids=["ggx.3", "ggx.03", "oren_nayar", "lambert"],
 )
 def test_a_model_is_fitted(source: bc.Brdf, most: float) -> None:
-    table = bc.tabulate(source, "vndf_warp")
-    assert isinstance(table, VndfWarp)
-    assert table.error["l1"] <= most
+    table = VndfWarp.build(source, BuildOptions())
+    assert error(source, table) <= most
     assert table.channels == source.channels
     assert table.bilateral
     assert table.non_negative
@@ -61,12 +58,14 @@ def test_what_is_not_even_in_azimuth_and_not_reciprocal() -> None:
     assert not table.reciprocal
 
 
+@pytest.mark.slow
 def test_more_nodes_less_error() -> None:
     errors = [error(GOLD, VndfWarp.build(GOLD, BuildOptions(shape=(k, n)))) for k, n in ((9, 12), (15, 24), (26, 48))]
     assert errors[0] > 1.5 * errors[1] > 2.25 * errors[2]
     assert errors[2] < 0.004
 
 
+@pytest.mark.slow
 def test_a_tolerance_takes_the_smallest_that_meets_it() -> None:
     source = bc.model("oren_nayar")
     table = bc.tabulate(source, "vndf_warp", tolerance=0.03, measure="average")
@@ -140,6 +139,7 @@ def test_negative_samples_are_kept_or_set_to_zero() -> None:
     assert "set to zero, as asked" in zeroed.report["done"][0]
 
 
+@pytest.mark.slow
 def test_a_model_becomes_a_file(tmp_path: Path) -> None:
     """One channel is written as three; the file's size follows max_bytes; a mirror part is said to be lost."""
     source = bc.model("ggx", roughness=0.2, ior="gold")
@@ -172,21 +172,18 @@ si.wi = mi.Vector3f(np.sin(theta_i), np.zeros_like(theta_i), np.cos(theta_i))
 wo = mi.Vector3f(np.sin(theta_o) * np.cos(delta_phi), np.sin(theta_o) * np.sin(delta_phi), np.cos(theta_o))
 np.save(sys.argv[3], np.array(bsdf.eval(mi.BSDFContext(), si, wo)).T / np.cos(theta_o)[:, None])
 """
-needs_mitsuba = pytest.mark.skipif(find_spec("mitsuba") is None, reason="the mitsuba extra is not installed")
 
 
 def rendered(path: Path, folder: Path, angles: tuple[Any, Any, Any]) -> Any:
     np.save(folder / "angles.npy", np.stack(angles))
-    command = [sys.executable, "-c", RENDERED, str(path), str(folder / "angles.npy"), str(folder / "out.npy")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
-    if done.returncode:
-        pytest.skip(f"Mitsuba can't run here: {done.stderr[-200:]}")
+    rendering.run(RENDERED, path, folder / "angles.npy", folder / "out.npy")
     return np.load(folder / "out.npy")
 
 
-@needs_mitsuba
 @pytest.mark.slow
 def test_mitsuba_reads_it_and_answers_as_the_source(tmp_path: Path) -> None:
+    if why := rendering.unusable():
+        pytest.skip(why)
     sources = {"gold": GOLD, "white": bc.model("oren_nayar")}
     if shared.RGL.exists():  # a measured file, seen as a function
         sources["paint"] = 1.0 * bc.read(shared.rgl_path("vch_golden_yellow"))
