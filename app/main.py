@@ -14,7 +14,7 @@ from brdf_service.http.metrics import Metrics
 from brdf_service.library.folder import Folder
 from brdf_service.library.materials import Library
 from brdf_service.library.writing import Writer
-from brdf_service.routes import evaluate, health, jobs, materials, pages, pareto, relight, writing
+from brdf_service.routes import evaluate, health, jobs, materials, pages, pareto, relight, sample, writing
 from brdf_service.server import process, start, warmup
 from brdf_service.server.middleware import RequestMiddleware, Service
 from brdf_service.server.request_log import RequestLog
@@ -28,7 +28,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-_ROUTED = (evaluate, relight, materials, writing, pareto, jobs, health, pages)
+_ROUTED = (evaluate, relight, sample, materials, writing, pareto, jobs, health, pages)
 
 
 def create_app(

@@ -13,6 +13,7 @@ from brdfcore.version import __version__
 _PUBLIC = {
     "Brdf": "brdfcore.base.brdf",
     "Channels": "brdfcore.base.channels",
+    "Sample": "brdfcore.base.sampling",
     "BrdfError": "brdfcore.base.errors",
     "FileFormatError": "brdfcore.base.errors",
     "InputError": "brdfcore.base.errors",
@@ -89,6 +90,7 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.base.errors import StorageError as StorageError
     from brdfcore.base.errors import UnknownNameError as UnknownNameError
     from brdfcore.base.parameters import Parameter as Parameter
+    from brdfcore.base.sampling import Sample as Sample
     from brdfcore.base.status import Status as Status
     from brdfcore.build.project import project as project
     from brdfcore.build.tabulate import tabulate as tabulate

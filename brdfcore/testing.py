@@ -229,7 +229,7 @@ def check_sampling(b: Brdf, *, n: int = 20_000, seed: int = 11) -> None:
         statistic, freedom = _chi_square(b, wi, u, wo[regular])
         limit = freedom + 3.8 * np.sqrt(2 * freedom) + 10  # one in 10,000, by the normal approximation and its skew
         assert statistic < limit, f"chi-square {statistic:.1f} with {freedom} degrees of freedom"
-    single = b.sample(wi.astype(np.float32), np.float32([0.3, 0.4]))
+    single = b.sample(wi.astype(np.float32), np.array([0.3, 0.4], np.float32))
     assert {x.dtype for x in single} == {np.dtype(np.float32)}
     assert single.pdf.shape == ()
     down = b.sample([0, 0.6, -0.8], [0.5, 0.5])

@@ -39,6 +39,7 @@ def with_links(name: str, facts: dict[str, Any]) -> dict[str, Any]:
     if "problem" not in facts:
         by_id = f"/v1/tables/{facts['id']}"
         links |= {"page": f"/materials/{name}", "evaluate": f"{by_name}/evaluate", "relight": f"{by_name}/relight"}
+        links["sample"] = f"{by_name}/sample"
         for resource in RESOURCES:
             if resource.example is not None:
                 query = f"?{resource.example}" if resource.example else ""

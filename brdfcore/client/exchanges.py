@@ -11,8 +11,9 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.conventions import FloatArray, as_float, flatten_vectors
+from brdfcore.base.conventions import FloatArray, as_float, broadcast_shape, flatten_vectors
 from brdfcore.base.errors import BrdfError, InputError, LimitError
+from brdfcore.base.sampling import Sample
 from brdfcore.client import calls
 from brdfcore.client.calls import Answer, Call, Pause, Read
 from brdfcore.client.connection import Connection
@@ -223,6 +224,27 @@ def import_report(id: str) -> Exchange[dict[str, Any]]:
     if not isinstance(found, dict) or not isinstance(found.get("report"), dict):
         raise calls.unexpected(answer, "an import report")
     return dict(found["report"])
+
+
+def sample(id: str, wi: npt.ArrayLike, u: npt.ArrayLike) -> Exchange[Sample]:
+    """One direction for each wi and pair u, float64; the shape that they broadcast to."""
+    held, numbers = as_float("wi", wi), as_float("u", u)
+    if held.ndim == 0 or held.shape[-1] != 3:
+        flatten_vectors(held, np.ones(3))  # the error that says so
+    if numbers.ndim == 0 or numbers.shape[-1] != 2:
+        said = f"u: expected numbers of shape (..., 2), got {numbers.shape}"
+        raise InputError("not_pairs", said, where="u", got=list(numbers.shape), expected="(..., 2)")
+    shape = broadcast_shape(("wi", "u"), (held.shape[:-1], numbers.shape[:-1]))
+    full = [np.broadcast_to(x, (*shape, x.shape[-1])).reshape(-1, x.shape[-1]).tolist() for x in (held, numbers)]
+    body = {"wi": full[0], "u": full[1]}
+    answer: Answer = yield calls.send_json("POST", "tables", id, "sample", body=body, repeat="any")
+    found = answer.json()
+    try:
+        wo, weight = (np.array(found[name], np.float64) for name in ("wo", "weight"))
+        pdf = np.where(found["delta"], np.inf, np.array(found["pdf"], np.float64))
+        return Sample(wo.reshape(*shape, 3), weight.reshape(*shape, len(found["channels"])), pdf.reshape(shape))
+    except (KeyError, TypeError, ValueError) as error:
+        raise calls.unexpected(answer, "directions, weights and densities") from error
 
 
 def relight(

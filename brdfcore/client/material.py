@@ -13,6 +13,7 @@ from brdfcore.base.brdf import Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import FloatArray, Outside
 from brdfcore.base.errors import BrdfError
+from brdfcore.base.sampling import Sample
 from brdfcore.base.status import Status
 from brdfcore.client import exchanges
 from brdfcore.client.driver import Driver
@@ -210,6 +211,11 @@ class Described:
         """A lit sphere as PNG, `size` pixels wide, under "studio" or "sky" light."""
         query = {"light": light, "size": size, "channel": channel}
         return exchanges.drawn("tables", self.id, "sphere.png", query=query)
+
+    @question
+    def sample(self, wi: npt.ArrayLike, u: npt.ArrayLike) -> Exchange[Sample]:
+        """Directions drawn by the service, float64; see `Brdf.sample`. They travel as JSON."""
+        return exchanges.sample(self.id, wi, u)
 
     @question
     def relight(

@@ -10,11 +10,11 @@ import numpy as np
 from brdfcore.kernels.base.quantile_warp import RISE, TIP
 from brdfcore.kernels.tables import half_difference as kernels
 from brdfcore.sampling.quantiles import QuantileSampler, cell_masses
-from brdfcore.tables.base.half_lattice import FACTORS, STEPS_Z
+from brdfcore.tables.base.layout import FACTORS, STEPS_Z
 from brdfcore.tables.half_difference import HalfDifference
 
 
-def _cell(place: Any, last: int, integer: Any) -> tuple[Any, Any]:
+def _cell(place: Any, last: Any, integer: Any) -> tuple[Any, Any]:
     """Cell of a place on nodes 0 ... last, and the part of the way through it."""
     cell = dr.clip(dr.floor(place), 0, last - 1)
     return integer(cell), dr.clip(place - cell, 0, 1)
@@ -108,7 +108,7 @@ class QuantileDraw:
         c, s, cos_p, sin_p, k, w = self._frame(wi)
         signed = 2 * u.y - 1
         root = dr.sqrt(dr.maximum(1 - dr.abs(signed), 0))
-        i, at_v = _cell((0.5 + 0.5 * dr.sign(signed) * (1 - root)) * self.m, self.m, mi.UInt32)
+        i, at_v = _cell((0.5 + 0.5 * dr.select(signed < 0, -1, 1) * (1 - root)) * self.m, self.m, mi.UInt32)
         inner, outer = dr.sqrt(TIP * TIP + 4 * RISE * u.x), dr.sqrt(dr.maximum((1 - u.x) * (TIP + RISE), 0))
         near = u.x < 0.5 * TIP + 0.25 * RISE
         x = dr.select(near, 2 * u.x / (TIP + inner), 1 - outer / (TIP + RISE))

@@ -177,6 +177,7 @@ def _azimuths(turns: Float64Array, density: Float64Array, bilateral: bool) -> Fl
     v = np.linspace(-1, 1, AZIMUTHS + 1)
     u2 = 1 - (1 - np.abs(v)) ** 2
     if not bilateral:
-        return np.interp((0.5 + 0.5 * np.sign(v) * u2) * sums[-1], sums, fine)
-    half = np.interp(u2 * sums[-1], sums, fine)
+        whole: Float64Array = np.interp((0.5 + 0.5 * np.sign(v) * u2) * sums[-1], sums, fine)
+        return whole
+    half: Float64Array = np.interp(u2 * sums[-1], sums, fine)
     return np.where(v < 0, -half, half)

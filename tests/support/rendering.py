@@ -24,7 +24,9 @@ def unusable() -> str:
     if find_spec("mitsuba") is None:
         return "the mitsuba extra is not installed"
     done = subprocess.run([sys.executable, "-c", _TRIAL], capture_output=True, text=True, check=False, timeout=120)
-    return "" if done.returncode == 0 else f"Mitsuba's llvm variants do not run with the LLVM here: {done.stderr[-120:]}"
+    return (
+        "" if done.returncode == 0 else f"Mitsuba's llvm variants do not run with the LLVM here: {done.stderr[-120:]}"
+    )
 
 
 def run(code: str, *arguments: str | Path, timeout: float = 300) -> str:

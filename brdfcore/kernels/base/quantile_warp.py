@@ -33,7 +33,6 @@ from brdfcore.base.conventions import FloatArray
 from brdfcore.kernels.machine.jit import inline, kernel, merged, prange
 from brdfcore.kernels.machine.vectorised import atan, load, load_pair, sin, store
 
-
 #: u1 = TIP x + RISE x^2 up to x = 1/2, where it meets 1 - (TIP + RISE) (1 - x)^2 with the same slope: the first cell holds
 #: a tenth of what even ones would, and its density does not fall to 0.
 TIP = 0.1
@@ -66,7 +65,28 @@ def quantile_scale(incidences: int, azimuths: int, polar: int, dtype: npt.DTypeL
     """The constants for K = incidences, M = azimuths, N = polar."""
     number: Any = np.dtype(dtype).type
     return QuantileScale(
-        *(number(x) for x in (0, 0.5, 1, 2, 8, 16, 1e-9, 1e-12, 1e12, TIP, RISE, 0.5 * TIP + 0.25 * RISE, np.pi / 2, np.pi, incidences - 1, azimuths, polar))
+        *(
+            number(x)
+            for x in (
+                0,
+                0.5,
+                1,
+                2,
+                8,
+                16,
+                1e-9,
+                1e-12,
+                1e12,
+                TIP,
+                RISE,
+                0.5 * TIP + 0.25 * RISE,
+                np.pi / 2,
+                np.pi,
+                incidences - 1,
+                azimuths,
+                polar,
+            )
+        )
     )
 
 

@@ -157,7 +157,8 @@ def incidence_nodes(n: int, knots: npt.ArrayLike = ()) -> Float32Array:
         steps = max(1, round((n - 1) * float(high - low)))
         parts.append(low + (high - low) * np.arange(steps) / steps)
     placed = np.concatenate([*parts, [1.0]])
-    return np.arcsin(np.clip(1 - (1 - placed) ** 4, 0, 1)).astype(np.float32)
+    nodes: Float32Array = np.arcsin(np.clip(1 - (1 - placed) ** 4, 0, 1)).astype(np.float32)
+    return nodes
 
 
 def _distribution(source: Brdf, polar: Float64Array) -> Float64Array:
@@ -175,7 +176,9 @@ def _distribution(source: Brdf, polar: Float64Array) -> Float64Array:
     # in magnitude: noise about 0 is light that may be looked up as well
     f[seen] = np.abs(_values(source, theta_i[seen], theta_o[seen], delta_phi[seen])).mean(axis=-1)
     if not np.isfinite(f).all():
-        raise InputError("not_finite", "the source is not finite everywhere: a table holds finite values", where="source")
+        raise InputError(
+            "not_finite", "the source is not finite everywhere: a table holds finite values", where="source"
+        )
     cosines = np.maximum(np.cos(theta_o), 0) * np.cos(theta_i)
     weight = seen * np.sin(theta_i) * cosines
     total = weight.sum(axis=(1, 2))
@@ -188,7 +191,8 @@ def _distribution(source: Brdf, polar: Float64Array) -> Float64Array:
             where="source",
             expected="a regular part above 0",
         )
-    return (1 - EVEN) / area * profile + EVEN / np.pi
+    ndf: Float64Array = (1 - EVEN) / area * profile + EVEN / np.pi
+    return ndf
 
 
 def _projected_area(theta: Float64Array, polar: Float64Array, ndf: Float64Array) -> Float64Array:
@@ -236,7 +240,9 @@ def _running(density: Float64Array) -> Float64Array:
     return np.concatenate([np.zeros((density.shape[0], 1)), np.cumsum(steps, axis=1)], axis=1)
 
 
-def _solved(sums: Float64Array, density: Float64Array, wanted: Float64Array) -> tuple[npt.NDArray[np.intp], Float64Array]:
+def _solved(
+    sums: Float64Array, density: Float64Array, wanted: Float64Array
+) -> tuple[npt.NDArray[np.intp], Float64Array]:
     """Cell and place in it of `wanted` (rows, n) on running integrals (rows, nodes) of a density linear between nodes:
     x of a x + (b - a) x^2/2 = rest, as 2 rest / (a + sqrt(a^2 + 2 (b - a) rest))."""
     n = sums.shape[1]
