@@ -1,4 +1,4 @@
-"""Look-ups and draws in Dr.Jit: the same tables as `kernels.tables.half_difference` and `kernels.base.quantile_warp`."""
+"""Look-ups and draws in Dr.Jit, through the tables of `half_difference` and `kernels.base.quantile_warp`."""
 
 from __future__ import annotations
 
@@ -72,10 +72,13 @@ class HalfDifferenceLookup:
     def _mapped(self, x: Any, axis: str, first: int, last: int, shift: int, n: int) -> tuple[Any, Any, Any]:
         """(cell, part, guide's number) of a coordinate whose map is uniform in the bits of a float32."""
         mi = self.mi
-        bits = dr.clip(dr.reinterpret_array(mi.Int32, x) - first, 0, last - 1)
-        step, part = mi.UInt32(bits >> shift), mi.Float(bits & ((1 << shift) - 1)) * 2.0**-shift
+        whole: Any = dr.reinterpret_array(mi.Int32, x)
+        bits = dr.clip(whole - first, 0, last - 1)
+        step: Any = mi.UInt32(bits >> shift)
+        part: Any = mi.Float(bits & ((1 << shift) - 1)) * 2.0**-shift
         place = _line(self.words[f"map_{axis}"], step, part, mi.Float) * ((n - 1) / kernels.WORDS)
-        return *_cell(place, n - 1, mi.UInt32), _line(self.words[f"guide_{axis}"], step, part, mi.Float)
+        cell, beyond = _cell(place, n - 1, mi.UInt32)
+        return cell, beyond, _line(self.words[f"guide_{axis}"], step, part, mi.Float)
 
     def _trilinear(self, node: Any, at_h: Any, at_d: Any, at_p: Any) -> Any:
         kind = self.mi.Color3f if self.channels == 3 else self.mi.Float

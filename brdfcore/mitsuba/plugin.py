@@ -38,7 +38,7 @@ def register(name: str = PLUGIN) -> None:
     if variant is None or "spectral" in variant or "polarized" in variant:
         raise InputError(
             "no_variant",
-            f"the variant is {variant}: set one of RGB or monochromatic light first, mitsuba.set_variant('llvm_ad_rgb')",
+            f"the variant is {variant}: first set one of RGB or monochromatic light, as llvm_ad_rgb",
             where="variant",
             got=variant,
             expected="a variant in rgb or mono",

@@ -56,8 +56,8 @@ class QuantileSampler:
         return self.azimuth.reshape(-1), self.polar.reshape(-1), cell_masses()
 
     def draw(self, wi: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-        """(wo (n, 3), density (n,), whether all could be read) of wi (n, 3) and u (n, 2), contiguous and of one type; wo
-        is the normal and the density 0 where wi has z <= 0."""
+        """(wo (n, 3), density (n,), whether all could be read) of wi (n, 3) and u (n, 2), contiguous and of one type;
+        wo is the normal and the density 0 where wi has z <= 0."""
         from brdfcore.kernels.base import quantile_warp
 
         wo, density = np.empty_like(wi), np.empty(len(wi), wi.dtype)
@@ -138,8 +138,8 @@ def make_sampler(b: Brdf) -> QuantileSampler:
 
 
 def _turns(theta_i: Float64Array, bilateral: bool) -> Float64Array:
-    """(K, turns): azimuths from wi that g is found at. Half of them even, half about pi/2 within cos theta_i of it, where
-    the horizon of a grazing theta_i turns from far to near."""
+    """(K, turns): azimuths from wi that g is found at. Half of them even, half about pi/2 within cos theta_i of it,
+    where the horizon of a grazing theta_i turns from far to near."""
     fine = np.linspace(0, np.pi, 4001)
     width = np.maximum(np.cos(theta_i), 1e-3)[:, None]
     near = np.arctan((fine - HALF_PI) / width)

@@ -9,6 +9,7 @@ the samples and is divided out again: whatever it is, the table interpolates f.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -153,7 +154,7 @@ def incidence_nodes(n: int, knots: npt.ArrayLike = ()) -> Float32Array:
     ends = np.array(sorted({0.0, *inner, HALF_PI}))
     y = 1 - (1 - np.sin(ends)) ** 0.25
     parts = []
-    for low, high in zip(y[:-1], y[1:]):
+    for low, high in pairwise(y):
         steps = max(1, round((n - 1) * float(high - low)))
         parts.append(low + (high - low) * np.arange(steps) / steps)
     placed = np.concatenate([*parts, [1.0]])

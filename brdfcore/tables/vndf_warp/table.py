@@ -30,8 +30,8 @@ Float32Array = npt.NDArray[np.float32]
 
 #: Largest f_r cos(theta_o) of a table: divided by the horizon's cosine, 6e-17, it stays below float32's largest number.
 MAX_VALUE = 1e21
-#: Bytes, as an RGL file, of what a material in another parameterisation is fitted to where nothing is said; and those of
-#: the tables that a tolerance tries.
+#: Bytes, as an RGL file, of what a material in another parameterisation is fitted to where nothing is said; and those
+#: of the tables that a tolerance tries.
 DEFAULT_BYTES, FITTED_BYTES = 2e6, tuple(125e3 * 2**k for k in range(8))
 #: Shares of the file's nodes of the visible normals' density, along azimuth and polar angle, that `candidates` tries.
 THINNED = ((0.25, 0.5), (1 / 3, 0.5), (0.5, 0.5), (0.5, 1.0), (1.0, 1.0))

@@ -90,7 +90,8 @@ import numpy as np, drjit as dr, mitsuba as mi
 import brdfcore.mitsuba
 mi.set_variant("llvm_ad_rgb")
 brdfcore.mitsuba.register()
-light = {"sky": {"type": "constant", "radiance": 1.0}, "lamp": {"type": "point", "position": [0, 0, 5], "intensity": 25.0}}
+lamp = {"type": "point", "position": [0, 0, 5], "intensity": 25.0}
+light = {"sky": {"type": "constant", "radiance": 1.0}, "lamp": lamp}
 scene = mi.load_dict({
     "type": "scene", "integrator": {"type": "path"}, "light": light[sys.argv[2]],
     "plane": {"type": "rectangle", "bsdf": {"type": "brdf_table", "filename": sys.argv[1]}},

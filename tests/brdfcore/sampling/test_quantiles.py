@@ -1,4 +1,4 @@
-"""Sampling: kernels against their twin, noise of the weights, materials of several parts, and what is not reciprocal."""
+"""Sampling: kernels and their twin, noise of the weights, materials of several parts, and what is not reciprocal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 import brdfcore as bc
 from brdfcore import testing
 from brdfcore.base.sampling import Sample
-from brdfcore.kernels.base import quantile_warp
+from brdfcore.kernels.base import quantile_warp_numpy
 from brdfcore.kernels.machine import launch
 from brdfcore.sampling.quantiles import cell_masses, make_sampler
 from tests import shared
@@ -42,7 +42,7 @@ def test_kernels_agree_with_their_twin(source: bc.Brdf) -> None:
     made = make_sampler(source)
     wi, u = directions(20_000), np.random.default_rng(4).random((20_000, 2))
     wo, density, usable = made.draw(wi, u)
-    twin_wo, twin_density = quantile_warp.draw_numpy(wi, u, made.azimuth, made.polar, cell_masses())
+    twin_wo, twin_density = quantile_warp_numpy.draw(wi, u, made.azimuth, made.polar, cell_masses())
     assert usable
     assert np.abs(wo - twin_wo).max() < 1e-7  # next to u1 = 0 the twin's t^16 - 1 cancels
     assert np.quantile(np.abs(wo - twin_wo), 0.99) < 1e-9

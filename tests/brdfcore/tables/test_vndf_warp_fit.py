@@ -115,7 +115,7 @@ def test_what_is_not_finite_is_refused(value: float) -> None:
             out[:, 0] = np.where(theta_i > 1.2, value, 0.3)
             return True
 
-    with pytest.raises(InputError, match="not finite|finite values"):
+    with pytest.raises(InputError, match=r"not finite|finite values"):
         VndfWarp.build(Broken(), BuildOptions(shape=(9, 12)))
 
 
