@@ -24,6 +24,10 @@ class Sample(NamedTuple):
     weight  (..., channels) f_r cos theta_o / pdf; of a draw from the mirror part its reflectance over its probability.
     pdf     (...) density over solid angle, 1/sr; inf where the mirror part was drawn, which has none; 0 where nothing
             can be (wi below the horizon), and the weight with it.
+
+    >>> drawn = bc.model("mirror", ior=1.5).sample([0, 0, 1], [0.5, 0.5])
+    >>> drawn.delta, drawn.wo.tolist(), drawn.weight.round(6).tolist()
+    (np.True_, [0.0, 0.0, 1.0], [0.04])
     """
 
     wo: FloatArray
