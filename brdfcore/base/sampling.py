@@ -27,7 +27,7 @@ class Sample(NamedTuple):
 
     >>> drawn = bc.model("mirror", ior=1.5).sample([0, 0, 1], [0.5, 0.5])
     >>> drawn.delta, drawn.wo.tolist(), drawn.weight.round(6).tolist()
-    (np.True_, [0.0, 0.0, 1.0], [0.04])
+    (np.True_, [-0.0, -0.0, 1.0], [0.04])
     """
 
     wo: FloatArray
