@@ -53,7 +53,7 @@ class QuantileSampler:
 
     @cached_property
     def _flat(self) -> tuple[npt.NDArray[np.float32], ...]:
-        return self.azimuth.reshape(-1), self.polar.reshape(-1), cell_masses()
+        return self.azimuth.reshape(-1), self.polar.reshape(-1), mass_ratios()
 
     def draw(self, wi: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
         """(wo (n, 3), density (n,), whether all could be read) of wi (n, 3) and u (n, 2), contiguous and of one type;
@@ -108,6 +108,12 @@ def _places() -> Float64Array:
 def cell_masses() -> npt.NDArray[np.float32]:
     """(N + 2,): u1 of the cells of a row, and of the mirrored ones at its ends."""
     return np.pad(np.diff(_places()), 1, mode="edge").astype(np.float32)
+
+
+def mass_ratios() -> npt.NDArray[np.float32]:
+    """(N, 2), flat: u1 of a cell over that of the one before it, and over that of the one after."""
+    mass = cell_masses().astype(np.float64)
+    return np.stack([mass[1:-1] / mass[:-2], mass[1:-1] / mass[2:]], axis=1).astype(np.float32).reshape(-1)
 
 
 def make_sampler(b: Brdf) -> QuantileSampler:

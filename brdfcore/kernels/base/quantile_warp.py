@@ -10,7 +10,7 @@ Arrays (flat float32, C order), K nodes of y(theta_i) = 1 - (1 - sin theta_i)^(1
     azimuth  (K, M + 1)          phi, from -pi to pi, at v = 2 m/M - 1 with 2 u2 - 1 = sign(v) (1 - (1 - |v|)^2)
     polar    (K, M + 1, N + 3)   zeta, given phi of that m, from 0 to 1, at x = n/N with u1 = A x + B x^2 up to x = 1/2
                                  and 1 - u1 = (A + B) (1 - x)^2 beyond; and one node more at each end, mirrored
-    mass     (N + 2,)            u1 of each cell, and of the mirrored ones
+    mass     (N, 2)              u1 of each cell over that of the one before, and over that of the one after
 
 Cells are small where much may change within little energy: at the tails, and at the tip of a lobe.
 
@@ -53,6 +53,8 @@ class QuantileScale(NamedTuple):
     tip: Any
     rise: Any
     middle: Any
+    per_rise: Any
+    per_last: Any
     half_pi: Any
     pi: Any
     last_k: Any
@@ -79,6 +81,8 @@ def quantile_scale(incidences: int, azimuths: int, polar: int, dtype: npt.DTypeL
                 TIP,
                 RISE,
                 0.5 * TIP + 0.25 * RISE,
+                0.5 / RISE,
+                0.5 / (TIP + RISE),
                 np.pi / 2,
                 np.pi,
                 incidences - 1,
@@ -105,9 +109,10 @@ def _frame(x, y, z, scale):
 
 
 @merged
-def _slice(c, s, scale):
+def _slice(s, scale):
     """Slice below the incidence and the weight of the next."""
-    place = (scale.one - np.sqrt(c / np.sqrt(scale.one + s))) * scale.last_k
+    rest = scale.one - s
+    place = (scale.one - np.sqrt(np.sqrt(rest if rest > scale.zero else scale.zero))) * scale.last_k
     k = np.floor(place)
     k = k if k < scale.last_k - scale.one else scale.last_k - scale.one
     k = k if k > scale.zero else scale.zero
@@ -120,11 +125,12 @@ def _horizon(c, s, cos_phi, scale):
     atan2(cos_i, -sin_i cos phi), and neither 1 - cos A nor 1 - cos(A/2) may cancel."""
     b = -s * cos_phi
     rho = np.sqrt(c * c + b * b)
+    inverse = scale.one / rho
     near = c * c / (rho + abs(b))
     minus = near if b > scale.zero else rho - b
     plus = rho + b if b > scale.zero else near
-    cos_half = np.sqrt(scale.half * plus / rho)
-    return scale.half * (scale.half * minus / rho) / (scale.one + cos_half)
+    cos_half = np.sqrt(scale.half * plus * inverse)
+    return scale.half * (scale.half * minus * inverse) / (scale.one + cos_half)
 
 
 @merged
@@ -172,9 +178,8 @@ def _grading(before, low, high, after, mass, j, scale):
     """(from the low end, R, P(c)) of cell j: R = 2 d - 1, the ratio of the densities at its ends, d that of the denser
     neighbour to its own, from whichever end that is at; c = R^(1/16), P(x) = (x + 1)(x^2 + 1)(x^4 + 1)(x^8 + 1)
     = (x^16 - 1)/(x - 1)."""
-    mass_0, mass_1 = load_pair(mass, j, low)
-    mass_2 = scale.one * load(mass, j + 2)
-    width, left, right = high - low, (low - before) * mass_1 / mass_0, (after - high) * mass_1 / mass_2
+    of_left, of_right = load_pair(mass, 2 * j, low)
+    width, left, right = high - low, (low - before) * of_left, (after - high) * of_right
     upward = left <= right
     least = left if upward else right
     least = least if least > width * scale.least else width * scale.least
@@ -192,12 +197,13 @@ def _graded(part, upward, ratio, whole, scale):
     """(share of the width, its derivative) at `part` of a cell: x P(t)/P(c) of x = part counted from the narrow end,
     t = 1 + x (c - 1), whose derivative is 16 t^15/P(c)."""
     x = part if upward else scale.one - part
-    t = scale.one + x * (ratio - scale.one) / whole
+    inverse = scale.one / whole
+    t = scale.one + x * (ratio - scale.one) * inverse
     t2 = t * t
     t4 = t2 * t2
     t8 = t4 * t4
-    share = x * (t + scale.one) * (t2 + scale.one) * (t4 + scale.one) * (t8 + scale.one) / whole
-    return share if upward else scale.one - share, scale.sixteen * t8 * t4 * t2 * t / whole
+    share = x * (t + scale.one) * (t2 + scale.one) * (t4 + scale.one) * (t8 + scale.one) * inverse
+    return share if upward else scale.one - share, scale.sixteen * t8 * t4 * t2 * t * inverse
 
 
 @merged
@@ -212,19 +218,19 @@ def _turn_place(u2, scale):
 @merged
 def _part_place(u1, scale):
     """Place in a row of zeta, in [0, 1], and du1 by it."""
-    inner = np.sqrt(scale.tip * scale.tip + scale.two * scale.two * scale.rise * u1)
-    last = scale.tip + scale.rise
-    outer = np.sqrt((scale.one - u1) * last)
     near = u1 < scale.middle
-    x = scale.two * u1 / (scale.tip + inner) if near else scale.one - outer / last
-    return x, inner if near else scale.two * outer
+    inner = scale.tip * scale.tip + scale.two * scale.two * scale.rise * u1
+    # du1 by x on either side: tip + 2 rise x, or 2 (tip + rise) (1 - x)
+    slope = np.sqrt(inner if near else scale.two * scale.two * (scale.one - u1) * (scale.tip + scale.rise))
+    x = (slope - scale.tip) * scale.per_rise if near else scale.one - slope * scale.per_last
+    return (x if x > scale.zero else scale.zero), slope
 
 
 @merged
 def _drawn(x, y, z, u1, u2, azimuth, polar, mass, scale):
     """(above, wo, density) of one draw."""
     above, c, s, cos_p, sin_p = _frame(x, y, z, scale)
-    k, w = _slice(c, s, scale)
+    k, w = _slice(s, scale)
     v, turn_slope = _turn_place(u2, scale)
     v = v * scale.last_m
     i = np.floor(v)
@@ -385,7 +391,7 @@ def density(wi, wo, azimuth, polar, mass, out, scale):
         x, y, z = x / length, y / length, z / length
         found = scale.zero
         if above and z > scale.zero:
-            k, w = _slice(c, s, scale)
+            k, w = _slice(s, scale)
             h_x, h_y, h_z = x * cos_p + y * sin_p + s, y * cos_p - x * sin_p, z + c
             across2 = h_x * h_x + h_y * h_y
             tan2 = across2 / (h_z * h_z)
