@@ -23,7 +23,7 @@ Float64Array = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
 
 #: Share of the distribution of normals that is even over the hemisphere: samples where the profile has all but none.
-EVEN = 0.05
+EVEN = 0.04
 #: Nodes of the distribution of normals and of the projected area: twice and four times those of the database's files.
 NORMALS, AREAS = 256, 512
 #: Nodes of the density of visible normals, azimuth and polar angle. It places samples and is linear between its nodes,
