@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from anyio.to_thread import run_sync
+from brdf_service.evaluate.answer import array_to_json
 from brdf_service.evaluate.directions import check_points, check_values
 from brdf_service.http.bodies import read_bytes
 from brdf_service.http.errors import MediaTypeError
-from brdf_service.http.json import array_to_json, model_from_json, to_json
+from brdf_service.http.json import model_from_json, to_json
 from brdf_service.http.negotiation import MEDIA_TYPES, kind_of_body
-from brdf_service.http.openapi import operation
 from brdf_service.http.query import NoQuery, parse_query
 from brdf_service.library.materials import Material
-from brdf_service.routes.address import ADDRESSES, Address
+from brdf_service.routes.address import Address, at_both
 from brdf_service.schemas.sample import SampleAnswer, SampleRequest
 from brdf_service.state import state_of
 from fastapi import APIRouter
@@ -31,7 +31,7 @@ async def sample(request: Request, address: Address) -> Response:
     """One direction for each wi and pair of numbers."""
     state, settings = state_of(request), state_of(request).settings
     parse_query(request.scope["query_string"], NoQuery)
-    kind = kind_of_body(request.headers)
+    kind = kind_of_body(request.scope["headers"])
     if kind != "json":
         said = f"directions to draw are asked for in JSON, got {MEDIA_TYPES[kind]}"
         expected = MEDIA_TYPES["json"]
@@ -72,26 +72,18 @@ def _drawn(material: Material, wi: npt.NDArray[Any], u: npt.NDArray[Any]) -> byt
 router = APIRouter()
 
 
-def _add(address: Address) -> None:
-    declared = operation(
-        f"sample_{address.label}",
-        "directions drawn in proportion to f_r cos theta_o",
-        "For each wi (towards the light, held) and pair u of numbers in [0, 1) one direction wo, its weight "
-        "f_r cos theta_o / pdf for each channel, and the density pdf over solid angle, 1/sr. Where the mirror part was "
-        "drawn, delta is true and pdf null. The first call for a material prepares its tables.",
-        answer=(SampleAnswer,),
-        says="wo[point], weight[point][channel], pdf[point]",
-        refusals=(400, 404, 408, 409, 413, 415, 503),
-        path=[address.parameter],
-        query=NoQuery,
-        body=(SampleRequest,),
-    )
-
-    async def handler(request: Request) -> Response:
-        return await sample(request, address)
-
-    router.add_api_route(f"{address.prefix}/sample", handler, methods=["POST"], tags=[address.label], **declared)
-
-
-for _address in ADDRESSES:
-    _add(_address)
+at_both(
+    router,
+    "POST sample",
+    sample,
+    "sample",
+    "directions drawn in proportion to f_r cos theta_o",
+    "For each wi (towards the light, held) and pair u of numbers in [0, 1) one direction wo, its weight "
+    "f_r cos theta_o / pdf for each channel, and the density pdf over solid angle, 1/sr. Where the mirror part was "
+    "drawn, delta is true and pdf null. The first call for a material prepares its tables.",
+    answer=(SampleAnswer,),
+    says="wo[point], weight[point][channel], pdf[point]",
+    refusals=(400, 404, 408, 409, 413, 415, 503),
+    query=NoQuery,
+    body=(SampleRequest,),
+)
