@@ -105,7 +105,7 @@ class Fit(Brdf):
     @property
     def remarks(self) -> list[str]:
         """When not to use the fit, sentences."""
-        said = []
+        said = ["the perfect mirror part is not in the model"] if self.source.has_delta else []
         if self.l1 > 0.1:
             said.append(f"{self.l1:.0%} of the reflected energy is in the wrong place: use a table where that is seen")
         named = [e.name for e in self.estimates if e.why]
@@ -142,7 +142,7 @@ def fit(
     a grid of decades and by Levenberg's steps from the best of them.
 
     A perfect mirror part is left out, as by `evaluate`. Raises `InputError` for names that are none, a range that is
-    empty and a source without energy, `LimitError` for too many values.
+    empty and a source of negative energy, `LimitError` for too many values.
 
     >>> found = bc.fit(bc.model("ggx", roughness=0.2, diffuse=0.1, specular=0.5), "ggx", 1)
     >>> round(found.terms[0]["parameters"]["roughness"], 6), found.l1 < 1e-8
@@ -157,10 +157,12 @@ def fit(
             "too_large", f"{rows.values.shape[0]} directions of {rows.values.shape[1]} channels: at most "
             f"{_MOST_VALUES} values are fitted", where="b", got=rows.values.size, limit=_MOST_VALUES,
         )  # fmt: skip
-    if not (np.isfinite(rows.values).all() and rows.energy > 0):
+    if rows.values.any() and not (np.isfinite(rows.values).all() and rows.energy > 0):
         said = "the source has no energy to fit: its values are not finite, or sum to no positive number"
         raise InputError("no_energy", said, where="b", expected="a positive, finite reflectance")
     chosen = loss if loss != "auto" else "relative" if measured else "energy"
+    if not rows.values.any():
+        return _nothing(b, chosen, ranges)
     state = search(rows, chosen, families(model), counts, base)
     return _stated(b, rows, chosen, state, ranges, seed)
 
@@ -236,11 +238,25 @@ def search(rows: Rows, loss: str, among: Sequence[Family], counts: Sequence[int]
     return next(s for s in allowed if s.loss <= max(best / _WORTH, _NOTHING_LEFT))
 
 
+def _nothing(b: Brdf, loss: str, ranges: Mapping[str, Range]) -> Fit:
+    """Of a source that is 0 everywhere, a perfect mirror part aside."""
+    black = {"model": "lambert", "parameters": {"reflectance": [0.0] * len(b.channels)}}
+    made = Fit(b, [black], b.channels)
+    made.loss, made.value, made.l1, made.l1_stderr = loss, 0.0, 0.0, 0.0
+    made.estimates, made.correlated, made.condition = [], [], 1.0
+    made.angles = _shown(ranges)
+    return made
+
+
+def _shown(ranges: Mapping[str, Range]) -> dict[str, list[float]]:
+    return {name: [float(low), min(float(high), HALF_PI)] for name, (low, high) in ranges.items()}
+
+
 def _stated(b: Brdf, rows: Rows, loss: str, state: State, ranges: Mapping[str, Range], seed: int) -> Fit:
     made = Fit(b, terms_of(state), b.channels)
     made.loss, made.value = loss, state.loss
     made.estimates, made.correlated, made.condition = estimates(rows, loss, state, b.channels.labels())
-    made.angles = {name: [float(low), min(float(high), HALF_PI)] for name, (low, high) in ranges.items()}
+    made.angles = _shown(ranges)
     if isinstance(b, Scattered):
         made.l1, made.l1_stderr = (
             Loss("energy", rows).value(np.asarray(made.evaluate(*rows.angles), np.float64)),

@@ -166,9 +166,10 @@ def test_what_is_refused(options: dict[str, object], where: str) -> None:
     assert error.value.context["where"] == where
 
 
-def test_nothing_to_fit() -> None:
-    with pytest.raises(bc.InputError, match="no energy"):
-        bc.fit(bc.model("mirror"))
+def test_a_perfect_mirror_is_left_out() -> None:
+    found = bc.fit(bc.model("mirror"))
+    assert (found.l1, found.remarks) == (0.0, ["the perfect mirror part is not in the model"])
+    assert not found.evaluate(0.3, 0.3, np.pi).any()
 
 
 def test_the_first_start_is_no_start_of_the_caller() -> None:
