@@ -1,0 +1,148 @@
+"""What look-ups written over the array-API standard share: limits of a type, angles, cells, nodes around a point.
+
+`xp` is the namespace of the arrays (numpy, torch, jax.numpy, cupy, ... as array-api-compat gives it). No bit views, no
+number type but float32, float64 and one integer type, and every cell is clamped here, since libraries wrap, clamp or
+raise each in its own way. Derivatives are finite: where a formula has none, its argument is replaced before it is
+taken. Selecting the result alone is not enough, as 0 times an infinite derivative is NaN in both torch and jax.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from brdfcore.base.conventions import HALF_PI, PI_LO, THETA_MAX
+from brdfcore.kernels.tables.half_coordinates import HORIZON_COS, LEAST_NORM2, MOST_NORM2
+
+_TURN_32 = 2 * float(np.float32(np.pi))
+
+
+class Limits(NamedTuple):
+    """2 pi as a number of the type, and what is left of it; the smallest divisor whose square has an inverse; the
+    largest theta."""
+
+    turn: float
+    turn_low: float
+    least: float
+    theta_max: float
+
+
+_SINGLE = Limits(_TURN_32, 2 * np.pi - _TURN_32, 2.0**-62, THETA_MAX)
+_DOUBLE = Limits(2 * np.pi, 2 * PI_LO, 2.0**-500, HALF_PI)
+
+
+class Pair(NamedTuple):
+    """Sines and cosines of theta_i, theta_o, (theta_i - theta_o)/2 and delta_phi/2 (in [0, pi/2]); whether
+    sin(delta_phi) < 0."""
+
+    cos_i: Any
+    cos_o: Any
+    sin_i: Any
+    sin_o: Any
+    sin_b: Any
+    cos_b: Any
+    sin_half: Any
+    cos_half: Any
+    backward: Any
+
+
+def limits(xp: Any, x: Any) -> Limits:
+    """Those of the type of x, float32 or float64."""
+    return _SINGLE if float(xp.finfo(x.dtype).eps) > 1e-10 else _DOUBLE
+
+
+def in_domain(xp: Any, theta_i: Any, theta_o: Any, delta_phi: Any) -> tuple[Any, Any, Any, Any]:
+    """Where all three are in their domain, and the three with 0 elsewhere; delta_phi in [-pi, pi]."""
+    lim = limits(xp, theta_i)
+    inside = (theta_i >= 0) & (theta_i <= lim.theta_max) & (theta_o >= 0) & (theta_o <= lim.theta_max)
+    inside = inside & xp.isfinite(delta_phi)
+    a, b, c = (xp.where(inside, x, xp.zeros_like(x)) for x in (theta_i, theta_o, delta_phi))
+    turns = xp.floor(c / lim.turn + 0.5)
+    return inside, a, b, (c - turns * lim.turn) - turns * lim.turn_low
+
+
+def at_least(xp: Any, x: Any, least: Any) -> Any:
+    """max(x, least) with no derivative where `least` is it."""
+    return xp.where(x > least, x, least * xp.ones_like(x))
+
+
+def at_most(xp: Any, x: Any, most: Any) -> Any:
+    """min(x, most) with no derivative where `most` is it."""
+    return xp.where(x < most, x, most * xp.ones_like(x))
+
+
+def root(xp: Any, x: Any) -> Any:
+    """sqrt(x), x >= 0; at 0 its derivative is 0."""
+    least = limits(xp, x).least ** 2
+    some = x > least
+    return xp.where(some, xp.sqrt(xp.where(some, x, xp.ones_like(x))), xp.zeros_like(x))
+
+
+def cosine(xp: Any, theta: Any) -> Any:
+    """cos(theta), relative accuracy kept at the horizon, where it ends at that of the float64 nearest pi/2."""
+    # not the sine of (pi/2 - theta) in two parts: compiled by jax, both constants become one
+    return at_least(xp, xp.cos(theta), HORIZON_COS)
+
+
+def pair_of_angles(xp: Any, a: Any, b: Any, c: Any) -> Pair:
+    """Of theta_i, theta_o and delta_phi as `in_domain` leaves them."""
+    apart, half_turn = 0.5 * (a - b), 0.5 * xp.abs(c)
+    return Pair(
+        cosine(xp, a), cosine(xp, b), xp.sin(a), xp.sin(b), xp.sin(apart), xp.cos(apart),
+        xp.sin(half_turn), xp.cos(half_turn), c < 0,
+    )  # fmt: skip
+
+
+def unit_vectors(xp: Any, wi: Any, wo: Any) -> tuple[Any, Any, tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+    """Usable, above the horizon, and the components of both as unit vectors; those of the normal where not above.
+
+    Usable: finite, and of a squared length within [1e-12, 1e12].
+    """
+    (ix, iy, iz), (ox, oy, oz) = ((v[..., 0], v[..., 1], v[..., 2]) for v in (wi, wo))
+    norm_i, norm_o = ix * ix + iy * iy + iz * iz, ox * ox + oy * oy + oz * oz
+    usable = (norm_i >= LEAST_NORM2) & (norm_i <= MOST_NORM2) & (norm_o >= LEAST_NORM2) & (norm_o <= MOST_NORM2)
+    above = usable & (iz > 0) & (oz > 0)
+    found = []
+    for x, y, z in ((ix, iy, iz), (ox, oy, oz)):
+        one, zero = xp.ones_like(x), xp.zeros_like(x)
+        x, y, z = xp.where(above, x, zero), xp.where(above, y, zero), xp.where(above, z, one)
+        unit = 1 / xp.sqrt(x * x + y * y + z * z)
+        found.append((x * unit, y * unit, at_least(xp, z * unit, HORIZON_COS)))
+    return usable, above, found[0], found[1]
+
+
+def index_type(xp: Any) -> Any:
+    """The integers that the library counts in."""
+    return xp.__array_namespace_info__().default_dtypes()["integral"]
+
+
+def cell(xp: Any, position: Any, nodes: int) -> tuple[Any, Any]:
+    """Node at or below a position among `nodes` >= 2 nodes, never the last, and how far beyond it."""
+    first = xp.clip(xp.floor(position), 0.0, float(nodes - 2))
+    return xp.astype(first, index_type(xp)), position - first
+
+
+def along(xp: Any, table: Any, at: Any, part: Any) -> Any:
+    """Linear in a table (n,) between `at` and the next."""
+    low = xp.take(table, at, axis=0)
+    return low + part * (xp.take(table, at + 1, axis=0) - low)
+
+
+def trilinear(xp: Any, values: Any, at: Any, parts: Any) -> Any:
+    """values (n_0, n_1, n_2, C) within the cells `at`, three arrays (N,), at `parts`; (N, C)."""
+    _, n_1, n_2, channels = values.shape
+    flat = xp.reshape(values, (-1, channels))
+    u, v, w = (part[:, None] for part in parts)
+    first = (at[0] * n_1 + at[1]) * n_2 + at[2]
+
+    def edge(node: Any) -> Any:
+        low = xp.take(flat, node, axis=0)
+        return low + w * (xp.take(flat, node + 1, axis=0) - low)
+
+    def face(node: Any) -> Any:
+        low = edge(node)
+        return low + v * (edge(node + n_2) - low)
+
+    low = face(first)
+    return low + u * (face(first + n_1 * n_2) - low)
