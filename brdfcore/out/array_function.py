@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base.brdf import Brdf
+from brdfcore.base.conventions import broadcast_shape
 from brdfcore.base.errors import InputError, missing_extra
 from brdfcore.out.array_file import as_table
 from brdfcore.tables.base.table import Table
@@ -45,8 +46,8 @@ class ArrayFunction:
            replace the table's own, as arrays of the library of the angles: derivatives by them are those by the nodes.
            Under jax.jit they are best given so (`nodes=f.nodes_like(x)`): they are then no constants of the program.
 
-    Derivatives are those of the interpolation: one-sided at a node, finite everywhere, 0 where a direction has none (the
-    azimuth at the normal, the lobe's centre itself).
+    Derivatives are those of the interpolation: one-sided at a node, finite everywhere, 0 where a direction has
+    none (the azimuth at the normal, the lobe's centre itself).
 
     With dask every block is computed by numpy on its own.
     """
@@ -186,6 +187,10 @@ def _of_one_library(names: tuple[str, ...], given: tuple[Any, ...]) -> tuple[Any
             got=str(dtype),
             expected="float32 or float64",
         )
+    vectors = len(names) == 2
+    shapes = tuple(tuple(getattr(x, "shape", ()))[: -1 if vectors else None] for x in given)
+    if not compat.is_dask_namespace(xp):  # whose shapes may be unknown
+        broadcast_shape(names, shapes)
     place = compat.device(arrays[0]) if arrays else None
     found = []
     for x in given:

@@ -95,7 +95,7 @@ def shader_text(table: Brdf, language: str, name: str, beside: str, group: int =
     if size > MOST_NUMBERS:
         raise InputError(
             "table_too_large",
-            f"{size} nodes; a texture of {WIDTH} x {MOST_NUMBERS // WIDTH} holds {MOST_NUMBERS}: tabulate with max_bytes=",
+            f"{size} nodes; a texture of {WIDTH} x {MOST_NUMBERS // WIDTH} holds {MOST_NUMBERS}: make a smaller table",
             where="table",
             got=size,
             expected=f"at most {MOST_NUMBERS}",

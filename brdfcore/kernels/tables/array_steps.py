@@ -28,6 +28,12 @@ class Limits(NamedTuple):
     theta_max: float
 
 
+#: Of x^2, highest first: (sin(x)/x - 1)/x^2, |x| <= pi/2, as the kernels have it.
+SIN_SINGLE = (2.6051075e-06, -1.9809017e-04, 0.00833305, -0.16666658)
+SIN_DOUBLE = (
+    2.7215749245979445e-15, -7.643026556333697e-13, 1.6058940878425258e-10, -2.5052106890568332e-08,
+    2.7557319211229593e-06, -0.00019841269841208676, 0.008333333333333186, -0.16666666666666666,
+)  # fmt: skip
 _SINGLE = Limits(_TURN_32, 2 * np.pi - _TURN_32, 2.0**-62, THETA_MAX)
 _DOUBLE = Limits(2 * np.pi, 2 * PI_LO, 2.0**-500, HALF_PI)
 
@@ -58,7 +64,8 @@ def in_domain(xp: Any, theta_i: Any, theta_o: Any, delta_phi: Any) -> tuple[Any,
     inside = (theta_i >= 0) & (theta_i <= lim.theta_max) & (theta_o >= 0) & (theta_o <= lim.theta_max)
     inside = inside & xp.isfinite(delta_phi)
     a, b, c = (xp.where(inside, x, xp.zeros_like(x)) for x in (theta_i, theta_o, delta_phi))
-    turns = xp.floor(c / lim.turn + 0.5)
+    # pi itself stays: it is no exact half of a turn, and at the horizon the mirror direction is as narrow as that
+    turns = xp.where(xp.abs(c) > 0.5 * lim.turn, xp.floor(c / lim.turn + 0.5), xp.zeros_like(c))
     return inside, a, b, (c - turns * lim.turn) - turns * lim.turn_low
 
 
@@ -79,18 +86,51 @@ def root(xp: Any, x: Any) -> Any:
     return xp.where(some, xp.sqrt(xp.where(some, x, xp.ones_like(x))), xp.zeros_like(x))
 
 
+def taken(xp: Any, table: Any, at: Any) -> Any:
+    """Rows of `table` at indices within it."""
+    if _is_jax(xp):  # its take looks whether they are, and writes NaN: three times as long
+        return table.at[at].get(mode="promise_in_bounds")
+    return xp.take(table, at, axis=0)
+
+
+def sin(xp: Any, x: Any) -> Any:
+    """sin(x), |x| <= pi/2."""
+    return _polynomial(xp, x) if _is_jax(xp) else xp.sin(x)
+
+
+def cos(xp: Any, x: Any) -> Any:
+    """cos(x), |x| <= pi/2, relative accuracy kept at the ends."""
+    if not _is_jax(xp):
+        return xp.cos(x)
+    # the low part of pi/2 last: beside the high one jax, compiling, makes one constant of both
+    lim = limits(xp, x)
+    return _polynomial(xp, 0.25 * lim.turn - xp.abs(x)) + 0.25 * lim.turn_low
+
+
+def _polynomial(xp: Any, x: Any) -> Any:
+    """sin(x), |x| <= pi/2, in jax, which on a processor calls its own a number at a time: forty times as long."""
+    z = x * x
+    p = xp.zeros_like(x)
+    for coefficient in SIN_SINGLE if limits(xp, x) is _SINGLE else SIN_DOUBLE:
+        p = p * z + coefficient
+    return x * (p * z + 1)
+
+
+def _is_jax(xp: Any) -> bool:
+    return getattr(xp, "__name__", "") == "jax.numpy"
+
+
 def cosine(xp: Any, theta: Any) -> Any:
-    """cos(theta), relative accuracy kept at the horizon, where it ends at that of the float64 nearest pi/2."""
-    # not the sine of (pi/2 - theta) in two parts: compiled by jax, both constants become one
-    return at_least(xp, xp.cos(theta), HORIZON_COS)
+    """cos(theta), which at the horizon ends at that of the float64 nearest pi/2."""
+    return at_least(xp, cos(xp, theta), HORIZON_COS)
 
 
 def pair_of_angles(xp: Any, a: Any, b: Any, c: Any) -> Pair:
     """Of theta_i, theta_o and delta_phi as `in_domain` leaves them."""
     apart, half_turn = 0.5 * (a - b), 0.5 * xp.abs(c)
     return Pair(
-        cosine(xp, a), cosine(xp, b), xp.sin(a), xp.sin(b), xp.sin(apart), xp.cos(apart),
-        xp.sin(half_turn), xp.cos(half_turn), c < 0,
+        cosine(xp, a), cosine(xp, b), sin(xp, a), sin(xp, b), sin(xp, apart), cos(xp, apart),
+        sin(xp, half_turn), cos(xp, half_turn), c < 0,
     )  # fmt: skip
 
 
@@ -112,6 +152,11 @@ def unit_vectors(xp: Any, wi: Any, wo: Any) -> tuple[Any, Any, tuple[Any, Any, A
     return usable, above, found[0], found[1]
 
 
+def beside(xp: Any, x: Any) -> dict[str, Any]:
+    """Type and place of x, for an array made beside it; jax places it by itself."""
+    return {"dtype": x.dtype} if _is_jax(xp) else {"dtype": x.dtype, "device": x.device}
+
+
 def index_type(xp: Any) -> Any:
     """The integers that the library counts in."""
     return xp.__array_namespace_info__().default_dtypes()["integral"]
@@ -125,8 +170,8 @@ def cell(xp: Any, position: Any, nodes: int) -> tuple[Any, Any]:
 
 def along(xp: Any, table: Any, at: Any, part: Any) -> Any:
     """Linear in a table (n,) between `at` and the next."""
-    low = xp.take(table, at, axis=0)
-    return low + part * (xp.take(table, at + 1, axis=0) - low)
+    low = taken(xp, table, at)
+    return low + part * (taken(xp, table, at + 1) - low)
 
 
 def trilinear(xp: Any, values: Any, at: Any, parts: Any) -> Any:
@@ -137,8 +182,8 @@ def trilinear(xp: Any, values: Any, at: Any, parts: Any) -> Any:
     first = (at[0] * n_1 + at[1]) * n_2 + at[2]
 
     def edge(node: Any) -> Any:
-        low = xp.take(flat, node, axis=0)
-        return low + w * (xp.take(flat, node + 1, axis=0) - low)
+        low = taken(xp, flat, node)
+        return low + w * (taken(xp, flat, node + 1) - low)
 
     def face(node: Any) -> Any:
         low = edge(node)

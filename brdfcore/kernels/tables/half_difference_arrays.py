@@ -21,12 +21,14 @@ from brdfcore.kernels.tables.array_steps import (
     along,
     at_least,
     at_most,
+    beside,
     cell,
     in_domain,
     index_type,
     limits,
     pair_of_angles,
     root,
+    taken,
     trilinear,
     unit_vectors,
 )
@@ -72,7 +74,7 @@ def from_vectors(xp: Any, wi: Any, wo: Any, nodes: dict[str, Any], settings: Hal
     """f_r (N, C) of vectors (N, 3)."""
     usable, above, (ix, iy, iz), (ox, oy, oz) = unit_vectors(xp, wi, wo)
     light = settings.centre == 2
-    hx, hy, hz = (ox - ix, oy - iy, oz - iz) if light else (ox + ix, oy + iy, oz + iz)
+    hx, hy = (ox - ix, oy - iy) if light else (ox + ix, oy + iy)
     across, apart, total = hx * hx + hy * hy, oz - iz, iz + oz
     chord = apart * apart + across
     u = 0.25 * chord if settings.centre else across * (1 / total) ** 2
@@ -95,7 +97,7 @@ def _half(xp: Any, p: Pair, mirror: int) -> tuple[Any, Any, Any, Any]:
     tan_b, cos_a, product = p.sin_b / p.cos_b, s / p.cos_b, p.sin_i * p.sin_o
     near = product * p.cos_half**2
     w = at_most(xp, cos_a * cos_a + near, 1.0)
-    u = p.sin_b**2 + near if mirror else tan_b**2 + product * (p.cos_half / s) ** 2
+    u = p.sin_b**2 + near if mirror else tan_b**2 + product * (p.cos_half * (1 / s)) ** 2
     return u, w, (p.sin_i + p.sin_o) * tan_b * xp.sqrt(w), 2 * product * (p.sin_half * p.cos_half)
 
 
@@ -107,7 +109,7 @@ def _lobe(xp: Any, p: Pair, centre: int) -> tuple[Any, Any, Any, Any]:
         x = p.sin_b * p.cos_b + p.cos_i * p.sin_o * near**2
     else:
         s = 0.5 * (p.cos_i + p.cos_o)
-        u = (p.sin_b / p.cos_b) ** 2 + p.sin_i * p.sin_o * (near / s) ** 2
+        u = (p.sin_b / p.cos_b) ** 2 + p.sin_i * p.sin_o * (near * (1 / s)) ** 2
         x = p.sin_b * (s / p.cos_b) + p.sin_o * near**2
     return u, p.cos_i / (1 + p.sin_i), x, p.sin_o * (p.sin_half * p.cos_half)
 
@@ -118,7 +120,8 @@ def _diamond(xp: Any, up: Any, x: Any, backward: Any, settings: HalfSettings) ->
     both = xp.abs(x) + up
     some = both > limits(xp, both).least
     one = xp.ones_like(both)
-    z = xp.where(some, up / xp.where(some, both, one), one)
+    # a product: a quotient's derivative begins with the divisor's square, and ends in inf times 0
+    z = xp.where(some, up * (1 / xp.where(some, both, one)), one)
     if settings.lobe or not settings.reciprocal:
         z = xp.where(x < 0, 2 - z, z)
     return z if settings.bilateral else xp.where(backward, -z, z)
@@ -154,7 +157,7 @@ def _step(xp: Any, x: Any, octaves: tuple[int, int, int]) -> tuple[Any, Any]:
     octave = xp.astype(octave, index_type(xp))
     # from a table, as powers by a library are not exact; where the logarithm is off by one, at an octave's ends, the
     # part is as far below 0 or above 1
-    scale = xp.take(_powers(xp, x, 1 - last, -first), (last - first - 1) - octave, axis=0)
+    scale = taken(xp, _powers(xp, x, 1 - last, -first), (last - first - 1) - octave)
     step, part = cell(xp, (x * scale - 1) * float(steps), steps + 1)
     return step + octave * steps, part
 
@@ -163,16 +166,10 @@ def _power(xp: Any, exponent: Any) -> Any:
     """2^exponent, |exponent| <= 126: the whole part exactly, as its product with ln 2 would round."""
     whole = xp.clip(xp.floor(exponent + 0.5), -float(_MOST_EXPONENT), float(_MOST_EXPONENT))
     powers = _powers(xp, exponent, -_MOST_EXPONENT, _MOST_EXPONENT)
-    scale = xp.take(powers, xp.astype(whole, index_type(xp)) + _MOST_EXPONENT, axis=0)
+    scale = taken(xp, powers, xp.astype(whole, index_type(xp)) + _MOST_EXPONENT)
     return scale * xp.exp((exponent - whole) * float(np.log(2)))
 
 
 def _powers(xp: Any, like: Any, first: int, last: int) -> Any:
     """2^first .. 2^last."""
-    return xp.asarray([2.0**k for k in range(first, last + 1)], dtype=like.dtype, device=_device(like))
-
-
-def _device(x: Any) -> Any:
-    from array_api_compat import device
-
-    return device(x)
+    return xp.asarray([2.0**k for k in range(first, last + 1)], **beside(xp, like))

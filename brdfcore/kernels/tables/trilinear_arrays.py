@@ -11,7 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from brdfcore.kernels.tables.array_steps import at_most, cell, in_domain, index_type, limits, root, trilinear, unit_vectors
+from brdfcore.kernels.tables.array_steps import (
+    at_most,
+    cell,
+    in_domain,
+    index_type,
+    limits,
+    root,
+    taken,
+    trilinear,
+    unit_vectors,
+)
 
 
 @dataclass(frozen=True)
@@ -57,5 +67,5 @@ def _look_up(xp: Any, a: Any, b: Any, c: Any, values: Any, settings: GridSetting
     (i, j, l), parts = zip(*cells)  # noqa: E741
     if settings.nearest:
         node = (i * values.shape[1] + j) * values.shape[2] + l
-        return xp.take(xp.reshape(values, (-1, values.shape[3])), node, axis=0)
+        return taken(xp, xp.reshape(values, (-1, values.shape[3])), node)
     return trilinear(xp, values, (i, j, l), parts)

@@ -16,11 +16,14 @@ from brdfcore.kernels.tables.array_steps import (
     at_least,
     at_most,
     cell,
+    cos,
     cosine,
     in_domain,
     index_type,
     limits,
     root,
+    sin,
+    taken,
     unit_vectors,
 )
 
@@ -32,10 +35,10 @@ def from_angles(
     inside, a, b, c = in_domain(xp, theta_i, theta_o, delta_phi)
     # H = wi + wo in the frame of wi, by the half of delta_phi: no difference cancels near the mirror direction, and
     # nothing is divided by H_z, which is 0 at the horizon
-    cos_i, cos_o, sin_o, apart = cosine(xp, a), cosine(xp, b), xp.sin(b), 0.5 * (a - b)
-    sin_half, cos_half = xp.sin(0.5 * c), xp.cos(0.5 * c)
+    cos_i, cos_o, sin_o, apart = cosine(xp, a), cosine(xp, b), sin(xp, b), 0.5 * (a - b)
+    sin_half, cos_half = sin(xp, 0.5 * c), cos(xp, 0.5 * c)
     total = cos_i + cos_o
-    x = total * xp.sin(apart) / xp.cos(apart) + 2 * sin_o * cos_half * cos_half
+    x = total * sin(xp, apart) / cos(xp, apart) + 2 * sin_o * cos_half * cos_half
     y = 2 * sin_o * sin_half * cos_half
     f = _look_up(xp, a, x, y, total, cos_o, nodes)
     return xp.where(inside[:, None], f, xp.full_like(f, xp.nan))
@@ -71,10 +74,10 @@ def _look_up(xp: Any, a: Any, x: Any, y: Any, total: Any, cos_o: Any, nodes: dic
 
     steps = nodes["theta_index"].shape[0]
     step = xp.clip(xp.floor(a * float(steps / (np.pi / 2))), 0.0, float(steps - 1))
-    k = xp.take(nodes["theta_index"], xp.astype(step, index_type(xp)), axis=0)
+    k = taken(xp, nodes["theta_index"], xp.astype(step, index_type(xp)))
     k = xp.astype(k, index_type(xp))
-    k = xp.clip(xp.where(a > xp.take(knots, k + 1, axis=0), k + 1, k), 0, slices - 2)
-    below, next_one = xp.take(knots, k, axis=0), xp.take(knots, k + 1, axis=0)
+    k = xp.clip(xp.where(a > taken(xp, knots, k + 1), k + 1, k), 0, slices - 2)
+    below, next_one = taken(xp, knots, k), taken(xp, knots, k + 1)
     w = at_most(xp, at_least(xp, (a - below) / (next_one - below), 0.0), 1.0)
 
     column, u = cell(xp, at_most(xp, u, 1.0) * float(n_x - 1), n_x)
@@ -112,5 +115,5 @@ def _uniform(xp: Any, table: Any, position: Any) -> Any:
 
 def _blend(xp: Any, table: Any, at: Any, next_slice: int, w: Any) -> Any:
     """Rows (N, C) of a table, linear between two slices."""
-    low = xp.take(table, at, axis=0)
-    return low + (xp.take(table, at + next_slice, axis=0) - low) * w[:, None]
+    low = taken(xp, table, at)
+    return low + (taken(xp, table, at + next_slice) - low) * w[:, None]
