@@ -2,9 +2,9 @@
 
 The text keeps to what both languages have: every local is assigned once with its type before it, numbers carry their
 decimal point, integers are int, a choice is `P_pick(otherwise, then, condition)`. P stands for the name of the
-material, words in capitals for constants of the table. The arithmetic is that of `kernels.tables.half_coordinates`, `lobe_grid`,
-`half_difference` and `trilinear`, in float32: exponents are taken from and put into the bits, as a shader's exp2, sine
-and arccosine are good to some 1e-4 only.
+material, words in capitals for constants of the table. The arithmetic is that of `kernels.tables.half_coordinates`,
+`lobe_grid`, `half_difference` and `trilinear`, in float32: exponents are taken from and put into the bits, as a
+shader's sine and arccosine are good to some 1e-4 only, and its powers to 1e-5.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def test_shapes_broadcast_and_numbers_go_beside_arrays() -> None:
     assert np.allclose(f(0.3, theta_o, delta_phi), t.evaluate(0.3, theta_o, delta_phi), rtol=1e-12)
     assert f(0.3, 0.2, 1.0).shape == (1,)
     assert f(np.zeros((0, 2)), 0.2, 1).shape == (0, 2, 1)
-    assert f.vectors(np.zeros(3) + [0, 0, 1], np.ones((2, 1, 3))).shape == (2, 1, 1)
+    assert f.vectors(np.array([0.0, 0, 1]), np.ones((2, 1, 3))).shape == (2, 1, 1)
 
 
 @pytest.mark.parametrize("name", MADE)
