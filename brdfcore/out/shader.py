@@ -114,11 +114,13 @@ def shader_text(table: Brdf, language: str, name: str, beside: str, group: int =
         span = np.pi if settings.bilateral else 2 * np.pi
         per = [(n - 1) / whole for n, whole in zip(shape, (np.pi / 2, np.pi / 2, span))]
         constants |= {f"PER_{axis}": float(x) for axis, x in zip("IOD", per)}
-        words["AZIMUTH"] = "abs(phi)" if settings.bilateral else "P_pick(phi, phi + 6.283185307179586, phi < 0.0)"
-        words["FOUND"] = "P_trilinear(c0, c1, c2, u, v, w)"
+        words["AHEAD"], words["FROM_END"] = (
+            ("abs(ahead)", "ahead < 0.0") if settings.bilateral else ("ahead", "turned < 0.0")
+        )
+        words["FOUND"] = "P_trilinear(i, j, l, u, v, w)"
         if settings.nearest:
-            i, j, l = (f"(c{k} + int(floor({x} + 0.5)))" for k, x in enumerate("uvw"))  # noqa: E741
-            words["FOUND"] = f"P_node(({i} * P_N1 + {j}) * P_N2 + {l})"
+            at = [f"({cell} + int(floor({part} + 0.5)))" for cell, part in zip("ijl", "uvw")]
+            words["FOUND"] = f"P_node(({at[0]} * P_N1 + {at[1]}) * P_N2 + {at[2]})"
     head = (
         f"// {held.name}, id {held.id}\n"
         f"// nodes: {beside} (safetensors: skip 8 bytes and the header whose length they hold), float32,\n"

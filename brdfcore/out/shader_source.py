@@ -101,23 +101,39 @@ COORDINATES
 """
 
 _GRID = """\
+int P_side(int cell, int nodes, bool from_end) {
+  if (from_end) {
+    return nodes - 2 - cell;
+  }
+  return cell;
+}
+
 // f_r in 1/sr, without the cosine; wi to the light, wo to the viewer, of any length, normal +z
 vec3 P_f(vec3 wi, vec3 wo) {
   if (!(wi.z > 0.0 && wo.z > 0.0)) {
     return vec3(0.0);
   }
+  // each angle from the nearer end of its axis: horizon and mirror direction keep their digits
+  float ri = sqrt(wi.x * wi.x + wi.y * wi.y);
+  float ro = sqrt(wo.x * wo.x + wo.y * wo.y);
   float turned = wi.x * wo.y - wi.y * wo.x;
   float along = wi.x * wo.x + wi.y * wo.y;
-  float phi = atan(turned, P_pick(along, 1.0, turned == 0.0 && along == 0.0));
-  float x = atan(sqrt(wi.x * wi.x + wi.y * wi.y), wi.z) * P_PER_I;
-  float y = atan(sqrt(wo.x * wo.x + wo.y * wo.y), wo.z) * P_PER_O;
-  float z = (AZIMUTH) * P_PER_D;
+  float ahead = P_pick(along, 1.0, turned == 0.0 && along == 0.0);
+  float x = atan(min(ri, wi.z), max(ri, wi.z)) * P_PER_I;
+  float y = atan(min(ro, wo.z), max(ro, wo.z)) * P_PER_O;
+  float z = atan(abs(turned), AHEAD) * P_PER_D;
   int c0 = P_cell(x, P_N0);
   int c1 = P_cell(y, P_N1);
   int c2 = P_cell(z, P_N2);
-  float u = min(x - float(c0), 1.0);
-  float v = min(y - float(c1), 1.0);
-  float w = min(z - float(c2), 1.0);
+  float u0 = min(x - float(c0), 1.0);
+  float v0 = min(y - float(c1), 1.0);
+  float w0 = min(z - float(c2), 1.0);
+  int i = P_side(c0, P_N0, ri > wi.z);
+  int j = P_side(c1, P_N1, ro > wo.z);
+  int l = P_side(c2, P_N2, FROM_END);
+  float u = P_pick(u0, 1.0 - u0, ri > wi.z);
+  float v = P_pick(v0, 1.0 - v0, ro > wo.z);
+  float w = P_pick(w0, 1.0 - w0, FROM_END);
   return FOUND;
 }
 """

@@ -13,8 +13,8 @@ from tests.support.sources import Skewed
 HALF_PI = np.pi / 2
 
 
-def _gold() -> bc.Brdf:
-    return bc.model("cook_torrance", roughness=0.2, ior="gold", distribution="beckmann")
+def _gold(roughness: float = 0.2) -> bc.Brdf:
+    return bc.model("cook_torrance", roughness=roughness, ior="gold", distribution="beckmann")
 
 
 def _warp() -> bc.Brdf:
@@ -34,7 +34,7 @@ MADE: dict[str, Callable[[], bc.Brdf]] = {
         bc.model("phong", exponent=200), "half_difference", shape=(24, 12, 12)
     ),
     "lobe_grid": lambda: bc.tabulate(_gold(), "lobe_grid", shape=(24, 12, 12)),
-    "angle_grid": lambda: bc.tabulate(_gold(), "angle_grid", shape=(19, 19, 37)),
+    "angle_grid": lambda: bc.tabulate(_gold(0.4), "angle_grid", shape=(31, 31, 61)),
     "angle_grid, three channels, no symmetry": lambda: bc.tabulate(Skewed(), "angle_grid", shape=(10, 10, 19)),
     "angle_grid, nearest": lambda: bc.tabulate(_gold(), "angle_grid", shape=(19, 19, 37), interpolation="nearest"),
     "vndf_warp": _warp,
