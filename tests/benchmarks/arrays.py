@@ -1,4 +1,4 @@
-"""Tables as functions of arrays and as shaders: `python -m tests.benchmarks.arrays`.
+"""Tables as functions of arrays and as shaders: `python -m tests.benchmarks.arrays [arrays] [shaders]`.
 
 - torch and jax, float32, against `evaluate` in float64 of the same numbers: median of the error over max(f, 1e-30).
 - Derivatives by the three angles against central differences of `evaluate`, where both one-sided ones agree.
@@ -10,7 +10,9 @@ What is not installed is named and left out. Asserts nothing.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
+import sys
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -147,11 +149,16 @@ def shaders(name: str, t: bc.Table) -> None:
 
 
 def main() -> None:
+    wanted = sys.argv[1:] or ["arrays", "shaders"]
     print(machine())
-    modules, made = libraries(), list(tables())
-    print("\nfunctions of arrays, float32; derivatives by theta_i, theta_o, delta_phi")
-    for name, t in made:
-        arrays(name, t, modules)
+    made = list(tables())
+    if "arrays" in wanted:
+        modules = libraries()
+        print("\nfunctions of arrays, float32; derivatives by theta_i, theta_o, delta_phi")
+        for name, t in made:
+            arrays(name, t, modules)
+    if "shaders" not in wanted:
+        return
     print("\nshaders, largest error over max(f, 1 % of the mean)")
     if chromium.BROWSER is None:
         print("left out: no Chromium is installed")
