@@ -146,7 +146,7 @@ def _half(
         constants[f"PART_{axis}"] = 2.0**-shift
     constants |= {"STEPS_Z": float(settings.steps_z), "NODES_Z": nodes_z}
     words["COORDINATES"] = COORDINATES[representation, settings.centre]
-    words["SIGN"] = "-" if settings.centre == 2 else "+"
+    words["ABOUT"] = "apart" if settings.centre == 2 else "sum"
     folded = settings.reciprocal and not settings.lobe
     words["Z_FOLD"] = "z0" if folded else "P_pick(z0, 2.0 - z0, x < 0.0)"
     words["Z_SIDE"] = "z1" if settings.bilateral else "2.0 + P_pick(z1, -z1, turned < 0.0)"

@@ -64,16 +64,22 @@ vec3 P_f(vec3 wi, vec3 wo) {
   if (!(wi.z > 0.0 && wo.z > 0.0)) {
     return vec3(0.0);
   }
-  vec3 i = wi / sqrt(dot(wi, wi));
-  vec3 o = wo / sqrt(dot(wo, wo));
-  float hx = o.x SIGN i.x;
-  float hy = o.y SIGN i.y;
-  float across = hx * hx + hy * hy;
-  float ci = max(i.z, HORIZON);
-  float co = max(o.z, HORIZON);
-  float apart = co - ci;
+  // both as unit vectors, by sums and differences of what is given, which near the mirror direction lose no digit
+  float li = sqrt(dot(wi, wi));
+  float lo = sqrt(dot(wo, wo));
+  vec3 apart = wo - wi;
+  vec3 sum = wo + wi;
+  float longer = -dot(apart, sum) / (lo * (lo + li));
+  float unit = 1.0 / li;
+  vec3 h = (ABOUT + wo * longer) * unit;
+  float ci = max(wi.z * unit, HORIZON);
+  float co = max(wo.z / lo, HORIZON);
+  float rise = (apart.z + wo.z * longer) * unit;
   float total = co + ci;
-  float turned = i.x * o.y - i.y * o.x;
+  float ix = wi.x * unit;
+  float iy = wi.y * unit;
+  float across = h.x * h.x + h.y * h.y;
+  float turned = ix * h.y - iy * h.x;
 COORDINATES
   float up = abs(turned);
   float both = abs(x) + up;
@@ -143,19 +149,19 @@ COORDINATES = {
     ("half_difference", 0): """\
   float u = across / (total * total);
   float w = min(0.25 * (total * total + across), 1.0);
-  float x = apart * sqrt(w);""",
+  float x = rise * sqrt(w);""",
     ("half_difference", 1): """\
-  float u = 0.25 * (apart * apart + across);
+  float u = 0.25 * (rise * rise + across);
   float w = min(0.25 * (total * total + across), 1.0);
-  float x = apart * sqrt(w);""",
+  float x = rise * sqrt(w);""",
     ("lobe_grid", 0): """\
   float u = across / (total * total);
-  float w = ci / (1.0 + sqrt(i.x * i.x + i.y * i.y));
-  float x = hx * i.x + hy * i.y;""",
+  float w = ci / (1.0 + sqrt(ix * ix + iy * iy));
+  float x = h.x * ix + h.y * iy;""",
     ("lobe_grid", 1): """\
-  float u = 0.25 * (apart * apart + across);
-  float w = ci / (1.0 + sqrt(i.x * i.x + i.y * i.y));
-  float x = apart + 2.0 * ci * u;""",
+  float u = 0.25 * (rise * rise + across);
+  float w = ci / (1.0 + sqrt(ix * ix + iy * iy));
+  float x = rise + 2.0 * ci * u;""",
 }
 COORDINATES["lobe_grid", 2] = COORDINATES["lobe_grid", 1]
 

@@ -134,22 +134,38 @@ def pair_of_angles(xp: Any, a: Any, b: Any, c: Any) -> Pair:
     )  # fmt: skip
 
 
-def unit_vectors(xp: Any, wi: Any, wo: Any) -> tuple[Any, Any, tuple[Any, Any, Any], tuple[Any, Any, Any]]:
-    """Usable, above the horizon, and the components of both as unit vectors; those of the normal where not above.
+class Vectors(NamedTuple):
+    """Where both are usable, and above the horizon; wi and wo as unit vectors, their sum and wo - wi, by components."""
 
-    Usable: finite, and of a squared length within [1e-12, 1e12].
+    usable: Any
+    above: Any
+    wi: tuple[Any, Any, Any]
+    wo: tuple[Any, Any, Any]
+    sum: tuple[Any, Any, Any]
+    difference: tuple[Any, Any, Any]
+
+
+def unit_vectors(xp: Any, wi: Any, wo: Any) -> Vectors:
+    """Of vectors (N, 3); the normal where either is not above the horizon.
+
+    Usable: finite, and of a squared length within [1e-12, 1e12]. Sum and difference are those of the vectors given,
+    corrected for their lengths: near the mirror direction, and the light, no digit is lost.
     """
-    (ix, iy, iz), (ox, oy, oz) = ((v[..., 0], v[..., 1], v[..., 2]) for v in (wi, wo))
-    norm_i, norm_o = ix * ix + iy * iy + iz * iz, ox * ox + oy * oy + oz * oz
-    usable = (norm_i >= LEAST_NORM2) & (norm_i <= MOST_NORM2) & (norm_o >= LEAST_NORM2) & (norm_o <= MOST_NORM2)
-    above = usable & (iz > 0) & (oz > 0)
+    given = [tuple(v[..., k] for k in range(3)) for v in (wi, wo)]
+    norms = [x * x + y * y + z * z for x, y, z in given]
+    usable = (norms[0] >= LEAST_NORM2) & (norms[0] <= MOST_NORM2) & (norms[1] >= LEAST_NORM2) & (norms[1] <= MOST_NORM2)
+    above = usable & (given[0][2] > 0) & (given[1][2] > 0)
+    zero, one = xp.zeros_like(norms[0]), xp.ones_like(norms[0])
+    i, o = ([xp.where(above, v, other) for v, other in zip(each, (zero, zero, one))] for each in given)
+    length_i, length_o = (xp.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) for v in (i, o))
+    both, apart = [p + q for p, q in zip(i, o)], [q - p for p, q in zip(i, o)]
+    unlike = sum((p * q for p, q in zip(both, apart)), zero)
+    longer, unit = -unlike / (length_o * (length_o + length_i)), 1 / length_i
+    sums, differences = (tuple((p + q * longer) * unit for p, q in zip(each, o)) for each in (both, apart))
     found = []
-    for x, y, z in ((ix, iy, iz), (ox, oy, oz)):
-        one, zero = xp.ones_like(x), xp.zeros_like(x)
-        x, y, z = xp.where(above, x, zero), xp.where(above, y, zero), xp.where(above, z, one)
-        unit = 1 / xp.sqrt(x * x + y * y + z * z)
-        found.append((x * unit, y * unit, at_least(xp, z * unit, HORIZON_COS)))
-    return usable, above, found[0], found[1]
+    for (x, y, z), per in ((i, unit), (o, 1 / length_o)):
+        found.append((x * per, y * per, at_least(xp, z * per, HORIZON_COS)))
+    return Vectors(usable, above, found[0], found[1], sums, differences)
 
 
 def beside(xp: Any, x: Any) -> dict[str, Any]:

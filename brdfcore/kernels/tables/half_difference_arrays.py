@@ -72,23 +72,23 @@ def from_angles(
 
 def from_vectors(xp: Any, wi: Any, wo: Any, nodes: dict[str, Any], settings: HalfSettings) -> Any:
     """f_r (N, C) of vectors (N, 3)."""
-    usable, above, (ix, iy, iz), (ox, oy, oz) = unit_vectors(xp, wi, wo)
-    light = settings.centre == 2
-    hx, hy = (ox - ix, oy - iy) if light else (ox + ix, oy + iy)
-    across, apart, total = hx * hx + hy * hy, oz - iz, iz + oz
+    v = unit_vectors(xp, wi, wo)
+    (ix, iy, iz), oz, apart = v.wi, v.wo[2], v.difference[2]
+    hx, hy, _ = v.difference if settings.centre == 2 else v.sum
+    across, total = hx * hx + hy * hy, iz + oz
     chord = apart * apart + across
     u = 0.25 * chord if settings.centre else across * (1 / total) ** 2
     if settings.lobe:
         w = iz / (1 + root(xp, ix * ix + iy * iy))
         x = apart + 0.5 * iz * chord if settings.centre else hx * ix + hy * iy
     else:
-        w = at_most(xp, 0.25 * (total * total + (ix + ox) ** 2 + (iy + oy) ** 2), 1.0)
+        w = at_most(xp, 0.25 * (total * total + across), 1.0)
         x = apart * xp.sqrt(w)
-    cross = ix * oy - iy * ox
+    cross = ix * hy - iy * hx
     z = _diamond(xp, xp.abs(cross), x, cross < 0, settings)
     f = _look_up(xp, u, w, z, _growth(xp, iz, oz, settings.factor), nodes, settings)
-    f = xp.where(above[:, None], f, xp.zeros_like(f))
-    return xp.where(usable[:, None], f, xp.full_like(f, xp.nan))
+    f = xp.where(v.above[:, None], f, xp.zeros_like(f))
+    return xp.where(v.usable[:, None], f, xp.full_like(f, xp.nan))
 
 
 def _half(xp: Any, p: Pair, mirror: int) -> tuple[Any, Any, Any, Any]:

@@ -43,14 +43,15 @@ def from_angles(
 
 def from_vectors(xp: Any, wi: Any, wo: Any, nodes: dict[str, Any], settings: GridSettings) -> Any:
     """f_r (N, C) of vectors (N, 3)."""
-    usable, above, (ix, iy, iz), (ox, oy, oz) = unit_vectors(xp, wi, wo)
+    v = unit_vectors(xp, wi, wo)
+    (ix, iy, iz), (ox, oy, oz) = v.wi, v.wo
     cross, dot = ix * oy - iy * ox, ix * ox + iy * oy
     least = limits(xp, cross).least
     dot = xp.where((xp.abs(cross) > least) | (xp.abs(dot) > least), dot, xp.ones_like(dot))  # no azimuth: 0
     a, b = xp.atan2(root(xp, ix * ix + iy * iy), iz), xp.atan2(root(xp, ox * ox + oy * oy), oz)
     f = _look_up(xp, a, b, xp.atan2(cross, dot), nodes["values"], settings)
-    f = xp.where(above[:, None], f, xp.zeros_like(f))
-    return xp.where(usable[:, None], f, xp.full_like(f, xp.nan))
+    f = xp.where(v.above[:, None], f, xp.zeros_like(f))
+    return xp.where(v.usable[:, None], f, xp.full_like(f, xp.nan))
 
 
 def _look_up(xp: Any, a: Any, b: Any, c: Any, values: Any, settings: GridSettings) -> Any:

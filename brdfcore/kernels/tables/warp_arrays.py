@@ -46,16 +46,16 @@ def from_angles(
 
 def from_vectors(xp: Any, wi: Any, wo: Any, nodes: dict[str, Any], settings: Any = None) -> Any:
     """f_r (N, C) of vectors (N, 3)."""
-    usable, above, (ix, iy, iz), (ox, oy, oz) = unit_vectors(xp, wi, wo)
+    v = unit_vectors(xp, wi, wo)
+    (ix, iy, iz), (hx, hy, _), oz = v.wi, v.sum, v.wo[2]
     sin_i = root(xp, ix * ix + iy * iy)
     some = sin_i > 0
     along_x = xp.where(some, ix / xp.where(some, sin_i, xp.ones_like(sin_i)), xp.ones_like(sin_i))
     along_y = xp.where(some, iy / xp.where(some, sin_i, xp.ones_like(sin_i)), xp.zeros_like(sin_i))
-    hx, hy = ix + ox, iy + oy
     x, y = hx * along_x + hy * along_y, hy * along_x - hx * along_y
     f = _look_up(xp, xp.atan2(sin_i, iz), x, y, iz + oz, oz, nodes)
-    f = xp.where(above[:, None], f, xp.zeros_like(f))
-    return xp.where(usable[:, None], f, xp.full_like(f, xp.nan))
+    f = xp.where(v.above[:, None], f, xp.zeros_like(f))
+    return xp.where(v.usable[:, None], f, xp.full_like(f, xp.nan))
 
 
 def _look_up(xp: Any, a: Any, x: Any, y: Any, total: Any, cos_o: Any, nodes: dict[str, Any]) -> Any:
