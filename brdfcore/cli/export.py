@@ -25,12 +25,15 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
     json: Annotated[bool, typer.Option("--json", help="JSON on stdout; an error is JSON on stderr.")] = False,
 ) -> None:
+    from brdfcore.out.array_file import array_bytes
     from brdfcore.out.shader import ARRAYS
     from brdfcore.out.shader import export as write
 
-    for path in {target, target.with_suffix(ARRAYS)}:
-        may_write(path, force)
-    files = write(arguments.load(source), target, name=name, group=group, binding=binding)
+    may_write(target, force)
+    table, nodes = arguments.load(source), target.with_suffix(ARRAYS)
+    if nodes != target and nodes.is_file() and nodes.read_bytes() != array_bytes(table):
+        may_write(nodes, force)  # the same nodes serve several shaders
+    files = write(table, target, name=name, group=group, binding=binding)
     if json:
         as_json({"files": [{"file": str(f), "bytes": f.stat().st_size} for f in files]})
         return

@@ -25,9 +25,9 @@ def test_export_writes_a_shader_and_its_nodes(run: Run, white: Path, tmp_path: P
     assert "white.safetensors" in text
     assert "vec3 paper_f(vec3 wi, vec3 wo)" in (tmp_path / "white.glsl").read_text()
     assert (tmp_path / "white.safetensors").read_bytes() == bc.array_bytes(bc.open_table(white))
-    code, text, _ = run("export", white, tmp_path / "b.wgsl", "--group", "1", "--json")
+    code, text, _ = run("export", white, tmp_path / "white.wgsl", "--group", "1", "--json")  # the same nodes
     assert code == 0
-    assert [Path(f["file"]).name for f in json.loads(text)["files"]] == ["b.wgsl", "b.safetensors"]
+    assert [Path(f["file"]).name for f in json.loads(text)["files"]] == ["white.wgsl", "white.safetensors"]
 
 
 def test_export_replaces_nothing_unasked(run: Run, white: Path, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from tests.support.tiers import first_fast
 
 needs_browser = pytest.mark.skipif(chromium.BROWSER is None, reason="no Chromium is installed")
 #: Of max(f, 1 % of its mean), by representation.
-FAR = {"half_difference": 1e-4, "lobe_grid": 3e-4, "angle_grid": 1e-3}
+FAR = {"half_difference": 1e-4, "lobe_grid": 1e-4, "angle_grid": 1e-3}
 
 
 @pytest.mark.slow
@@ -37,7 +37,8 @@ def test_in_chromium(name: str, language: str) -> None:
     if "nearest" in name:  # halfway between two nodes either is right
         assert np.mean(far > 1e-6) < 1e-4
     else:
-        assert far.max() <= FAR[t.name]
+        # a source of both signs is 0 between nodes that are not: their rounding is all that is left there
+        assert far.max() <= (FAR[t.name] if t.non_negative else 3e-4)
 
 
 def held(data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
