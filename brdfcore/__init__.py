@@ -51,6 +51,9 @@ _PUBLIC = {
     "sniff": "brdfcore.formats.io.files",
     "write": "brdfcore.formats.io.files",
     "convert": "brdfcore.formats.io.conversion",
+    "array_function": "brdfcore.out.array_function",
+    "array_bytes": "brdfcore.out.array_file",
+    "export": "brdfcore.out.shader",
     "slice": "brdfcore.plot.slices",
     "starter_library": "brdfcore.starter",
     "example_files": "brdfcore.examples",
@@ -104,6 +107,9 @@ if TYPE_CHECKING:  # the same names for type checkers, which would see Any throu
     from brdfcore.harmonics.slices import project_slice as project_slice
     from brdfcore.harmonics.summary import harmonic_summary as harmonic_summary
     from brdfcore.harmonics.transfer import relight as relight
+    from brdfcore.out.array_file import array_bytes as array_bytes
+    from brdfcore.out.array_function import array_function as array_function
+    from brdfcore.out.shader import export as export
     from brdfcore.plot.slices import slice as slice
     from brdfcore.reporting.comparison import compare as compare
     from brdfcore.reporting.report import report as report

@@ -82,6 +82,10 @@ def _fit_seconds(channels: int, asked: FitQuery) -> float:
     return 0.3 * channels * (1 + lobes) * (1.5 if asked.model == "auto" else 1.0)
 
 
+def _arrays(material: Material, _: Query) -> bytes:
+    return bc.array_bytes(material.brdf)
+
+
 def _report(material: Material, _: Query) -> dict[str, Any]:
     return {"name": material.name, "id": material.id, "report": material.brdf.report}
 
@@ -153,5 +157,15 @@ ANALYSES = (
         lasting=False,
         example="",
         title="how it was read",
+    ),
+    Resource(
+        "arrays",
+        "the nodes of a table, as shaders and other programs read them",
+        description="A safetensors file: float32 arrays, halves and 16-bit words decoded, C order, little-endian; "
+        "the metadata name representation, channels and settings. Of half_difference, lobe_grid, angle_grid and "
+        "vndf_warp; another material is refused (422).",
+        says="the file that `brdf export` writes beside a shader",
+        compute=_arrays,
+        seconds=lambda *_: 0.1,
     ),
 )

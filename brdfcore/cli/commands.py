@@ -17,7 +17,7 @@ from brdfcore.base.conventions import ANGLE_NAMES, broadcast_shape
 from brdfcore.base.errors import InputError
 from brdfcore.base.registry import FORMATS, MODELS, REPRESENTATIONS, Registry
 from brdfcore.base.status import Status
-from brdfcore.cli import albedo, arguments, check, example, fit, gloss, harmonics, make, repair, reports
+from brdfcore.cli import albedo, arguments, check, example, export, fit, gloss, harmonics, make, repair, reports
 from brdfcore.cli.output import as_json, error_lines, facts, line, parameter_lines
 from brdfcore.names import Lighting, Scale, View
 
@@ -376,6 +376,7 @@ def _picture(
 
 example.add_to(app)
 make.add_to(app)
+export.add_to(app)
 check.add_to(app)
 gloss.add_to(app)
 fit.add_to(app)

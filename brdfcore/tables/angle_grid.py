@@ -31,6 +31,7 @@ from brdfcore.tables.base.sampled import (
 )
 from brdfcore.tables.base.table import (
     DELTA_NODES,
+    ArrayLookUp,
     BuildOptions,
     Progress,
     checked_delta,
@@ -166,6 +167,20 @@ class AngleGrid(SampledTable):
             ladder = (n,)
         shapes = [(n, n, turns * 2 * (n - 1) + 1) for n in ladder]
         return [replace(options, shape=s, nbytes=each * s[0] * s[1] * s[2] + beside) for s in shapes]
+
+    def array_look_up(self) -> ArrayLookUp:
+        from brdfcore.kernels.tables import trilinear_arrays
+
+        if self.interpolation == "monotone_cubic":
+            raise InputError(
+                "no_array_function",
+                "an angle_grid with monotone_cubic interpolation has no function of arrays; use linear",
+                where="interpolation",
+                got=self.interpolation,
+                expected="linear or nearest",
+            )
+        settings = trilinear_arrays.GridSettings(self.bilateral, self.interpolation == "nearest")
+        return ArrayLookUp(trilinear_arrays, {"values": self.values}, settings)
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         return self._with_delta({"values": self.values})

@@ -44,7 +44,7 @@ FIRST_W, LAST_W, STEPS_W = -20, 0, 16
 #: A map's numbers are 16-bit: parts of WORDS of the way to the last node, which is so never reached and needs no care.
 WORDS = 65_536
 #: For the same reason z ends this much below its last step; seven times the rounding of float32 there.
-_SHORT = 1 - 2.0**-21
+SHORT = 1 - 2.0**-21
 #: What `load_halves` leaves to be multiplied.
 _HALF_SCALE = 2.0**112
 #: Points a block: counted in int32, long enough that the blocks cost nothing.
@@ -67,7 +67,7 @@ def table_scale(
     """Constants for nodes `shape`; `steps_z` of the map of z a unit; the `guide`'s lowest exponent and step; the
     coefficients k0 .. k5 of K; `mirror`, the kind of u; `value`, a factor of all nodes."""
     table = (
-        *guide, *((n - 1) / WORDS for n in shape), steps_z * _SHORT, 0 if bilateral else 2,
+        *guide, *((n - 1) / WORDS for n in shape), steps_z * SHORT, 0 if bilateral else 2,
         value * _HALF_SCALE, 2.0**-_U_SHIFT, 2.0**-_W_SHIFT,
     )  # fmt: skip
     return half_scale(factor, mirror, table, dtype)

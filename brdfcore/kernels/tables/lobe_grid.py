@@ -55,7 +55,7 @@ def lobe_scale(
 ) -> HalfScale:
     """As `half_difference.table_scale`; `centre`: HALF, MIRROR or LIGHT."""
     table = (
-        *guide, *((n - 1) / half_difference.WORDS for n in shape), steps_z * half_difference._SHORT,
+        *guide, *((n - 1) / half_difference.WORDS for n in shape), steps_z * half_difference.SHORT,
         0 if bilateral else 2, value * half_difference._HALF_SCALE, 2.0**-_U_SHIFT, 2.0**-_W_SHIFT,
     )  # fmt: skip
     return half_scale(factor, float(centre), table, dtype)  # type: ignore[arg-type]

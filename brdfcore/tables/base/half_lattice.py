@@ -23,6 +23,7 @@ from brdfcore.tables.base.half_fit import Fitter
 from brdfcore.tables.base.layout import FACTORS, STEPS_Z, Layout
 from brdfcore.tables.base.seen import EVERYWHERE, Seen
 from brdfcore.tables.base.table import (
+    ArrayLookUp,
     BuildOptions,
     Progress,
     Table,
@@ -181,6 +182,28 @@ class HalfLattice(Table):
         return table
 
     # ---- arrays -------------------------------------------------------------------------------
+
+    def array_look_up(self) -> ArrayLookUp:
+        from brdfcore.kernels.tables import half_difference_arrays
+        from brdfcore.kernels.tables.half_difference import SHORT, WORDS
+
+        kernels, (low, step) = self._module()[0], self.guide
+        nodes = {"values": self.arrays["values"].astype(np.float64) / self.scale}
+        nodes["guide_h"] = self.arrays["guide_h"] * step + low
+        nodes["guide_d"] = self.arrays["guide_d"] * step
+        for name, n in zip(("map_h", "map_d", "map_p"), self.arrays["values"].shape):
+            nodes[name] = self.arrays[name] * ((n - 1) / WORDS)
+        settings = half_difference_arrays.HalfSettings(
+            lobe=kernels.__name__.endswith("lobe_grid"),
+            centre=int(self.mirror),
+            octaves_u=(kernels.FIRST_U, kernels.LAST_U, kernels.STEPS_U),
+            octaves_w=(kernels.FIRST_W, kernels.LAST_W, kernels.STEPS_W),
+            steps_z=STEPS_Z * SHORT,
+            factor=tuple(map(float, FACTORS[self.factor])),
+            bilateral=self.bilateral,
+            reciprocal=self._reciprocal_fold,
+        )
+        return ArrayLookUp(half_difference_arrays, nodes, settings)
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         return self.arrays if self.delta is None else {**self.arrays, "delta": self.delta}

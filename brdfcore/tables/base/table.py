@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +55,15 @@ class BuildOptions:
     seen: Seen = EVERYWHERE
     #: Expected bytes of the table, 0 if the representation can't say: what is fast enough goes by them.
     nbytes: int = 0
+
+
+class ArrayLookUp(NamedTuple):
+    """A look-up over the array-API standard: `from_angles(xp, theta_i, theta_o, delta_phi, nodes, settings)` and
+    `from_vectors(xp, wi, wo, nodes, settings)` of a `module`, angles (N,), vectors (N, 3); the `nodes` by name."""
+
+    module: Any
+    nodes: dict[str, npt.NDArray[Any]]
+    settings: Any
 
 
 class Table(Brdf):
@@ -123,6 +132,17 @@ class Table(Brdf):
         flags: Mapping[str, bool],
     ) -> Self:
         """The inverse of `to_arrays` and `attributes`; raises `FileFormatError` where they do not fit together."""
+
+    def array_look_up(self) -> ArrayLookUp:
+        """Its look-up over the array-API standard, which `brdfcore.array_function` wraps."""
+        raise InputError(
+            "no_array_function",
+            f"{self.name} has no function of arrays; tabulate the material as half_difference, lobe_grid, angle_grid "
+            "or vndf_warp",
+            where="table",
+            got=self.name,
+            expected="half_difference, lobe_grid, angle_grid or vndf_warp",
+        )
 
     @classmethod
     @abstractmethod

@@ -23,7 +23,7 @@ from brdfcore.base.errors import FileFormatError, InputError
 from brdfcore.base.parameters import Parameter
 from brdfcore.base.status import Status
 from brdfcore.metrics import measured_flags
-from brdfcore.tables.base.table import BuildOptions, Progress, Table
+from brdfcore.tables.base.table import ArrayLookUp, BuildOptions, Progress, Table
 from brdfcore.tables.vndf_warp.fit import checked_shape, fit, shape_within
 
 Float32Array = npt.NDArray[np.float32]
@@ -271,6 +271,11 @@ class VndfWarp(Table):
         scale = self._scales[theta_i.dtype]
         outside = self._kernel(theta_i.size, theta_i, theta_o, delta_phi, *self._flat, out.reshape(-1), scale)
         return bool(outside == 0)
+
+    def array_look_up(self) -> ArrayLookUp:
+        from brdfcore.kernels.tables import warp_arrays
+
+        return ArrayLookUp(warp_arrays, dict(self._arrays), None)
 
     def _status(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray) -> npt.NDArray[np.uint8]:
         """Interpolated between the theta_i nodes, extrapolated beyond the first and the last."""

@@ -1,0 +1,1 @@
+"""Tables taken elsewhere: functions of arrays of any library, shaders."""
