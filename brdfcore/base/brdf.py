@@ -87,7 +87,7 @@ class Brdf(Provenance, ABC):
         """
 
     def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
-        """f_r of unit vectors (n, 3), float64, both with z > 0, into `out` (n, channels)."""
+        """f_r of vectors (n, 3), float64, of lengths from 1/2 to 4, both with z > 0, into `out` (n, channels)."""
         evaluate_by_angles(self._evaluate, wi, wo, out)
 
     def _evaluate_raw_vectors(self, wi: FloatArray, wo: FloatArray, out: FloatArray) -> bool:
@@ -180,7 +180,7 @@ class Brdf(Provenance, ABC):
         """
         if self._takes_vectors:
             return self._evaluate_in_place(wi, wo, out)
-        vectors = conventions.flatten_vectors(wi, wo)
+        vectors = conventions.flatten_vectors(wi, wo, unit=False)
         count = len(self.channels)
         values = conventions.prepare_out(out, (*vectors.shape, count), vectors.dtype)
         above = (vectors.wi[:, 2] > 0) & (vectors.wo[:, 2] > 0)
