@@ -14,7 +14,7 @@ from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.conventions import FloatArray, Outside
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import shown
-from brdfcore.base.peaks import changes_beside, peaks
+from brdfcore.base.peaks import FINER, changes_beside, peaks
 from brdfcore.base.pole import evaluate_by_angles
 from brdfcore.base.provenance import Provenance, add_in_squares
 from brdfcore.base.quadrature import integrate_hemisphere
@@ -68,6 +68,9 @@ class Brdf(Provenance, ABC):
     _takes_vectors: bool = False
     #: True if f is a formula, smooth but for few kinks: the albedo is then refined until its error is small.
     _analytic: bool = False
+    #: True if f, though no formula, has no lobe narrower than a degree away from the mirror direction and the light. Of
+    #: what only answers nothing is known.
+    _smooth_elsewhere: bool = False
     #: True if f is stored and never changes while the object lives: albedos are kept, as those of a formula are.
     _fixed: bool = False
 
@@ -277,6 +280,11 @@ class Brdf(Provenance, ABC):
         shape = (*angles.shape, len(self.channels))
         return values.reshape(shape), errors.reshape(shape)
 
+    @property
+    def smooth_elsewhere(self) -> bool:
+        """Whether no lobe narrower than a degree can be away from the mirror direction and the light."""
+        return self._analytic or self._smooth_elsewhere
+
     def _centres(self, theta_i: float) -> list[tuple[float, float]]:
         """Directions (theta_o, delta_phi) of lobes elsewhere than at the mirror direction: what an integral must know.
 
@@ -290,7 +298,8 @@ class Brdf(Provenance, ABC):
 
         found = [(theta_i, 0.0)] if changes_beside(total, theta_i) else []
         if not self._analytic:
-            found += [(float(t), float(d)) for t, d in peaks(total, theta_i, bilateral=self.bilateral)]
+            finer = 1 if self.smooth_elsewhere else FINER
+            found += [(float(t), float(d)) for t, d in peaks(total, theta_i, bilateral=self.bilateral, finer=finer)]
         return found
 
     def describe(self) -> dict[str, Any]:
@@ -332,6 +341,7 @@ class Sum(Brdf):
         self.energy_conserving = False  # each may reflect all light
         self.has_delta = a.has_delta or b.has_delta
         self._analytic = a._analytic and b._analytic
+        self._smooth_elsewhere = a.smooth_elsewhere and b.smooth_elsewhere
         self.metadata = {"sum": [a.describe()["metadata"], b.describe()["metadata"]]}
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
@@ -386,7 +396,7 @@ class Scaled(Brdf):
         self.bilateral, self.reciprocal, self.non_negative = part.bilateral, part.reciprocal, part.non_negative
         self.energy_conserving = part.energy_conserving and bool((scale <= 1).all())
         self.has_delta = part.has_delta
-        self._analytic = part._analytic
+        self._analytic, self._smooth_elsewhere = part._analytic, part._smooth_elsewhere
         self.metadata = {"scaled": part.describe()["metadata"], "factor": scale.tolist()}
         self.report = part.report
 

@@ -40,7 +40,7 @@ class Coloured(Brdf):
         # a colour outside sRGB has a negative part; XYZ of what reflects at most all light has at most the white's
         self.non_negative = part.non_negative and bool((matrix >= 0).all())
         self.energy_conserving = part.energy_conserving and self.non_negative
-        self._analytic = part._analytic
+        self._analytic, self._smooth_elsewhere = part._analytic, part._smooth_elsewhere
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
         out[...] = _summed(self.part.evaluate(theta_i, theta_o, delta_phi), self.matrix)
@@ -130,9 +130,7 @@ def to_rgb(
     if interpolation not in _INTERPOLATIONS:
         got = str(interpolation)[:40]
         expected = " or ".join(map(repr, _INTERPOLATIONS))
-        raise InputError(
-            "bad_option", f"interpolation = {got!r}: expected {expected}", where="interpolation", got=got
-        )
+        raise InputError("bad_option", f"interpolation = {got!r}: expected {expected}", where="interpolation", got=got)
     weights, to_space, white = _observer(illuminant, space)
     hats, between = _interpolated(waves[order], interpolation)
     matrix = hats[np.argsort(order)] @ weights @ to_space

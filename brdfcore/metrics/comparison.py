@@ -79,6 +79,10 @@ class Comparison:
         largest |delta_reflectance' - delta_reflectance| over theta_i, at 4,096 seeded angles and the bias's.
     skipped
         sentences: which measures have no meaning here, and why.
+    lobes_from
+        rad: a lobe away from the mirror direction and the light that is narrower than this, and without tails, may have
+        been missed, in which case nothing here counts it; 0 where reference and candidate leave no room for one. Lobes
+        at the mirror direction and the light are found from 1e-8 rad.
     directions, seed
         the set measured on.
     nbytes, ns, flip
@@ -107,6 +111,7 @@ class Comparison:
     between: list[dict[str, Any]] = field(default_factory=list)
     symmetry: dict[str, dict[str, float]] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
+    lobes_from: float = 0.0
     nbytes: int | None = None
     ns: dict[str, Any] | None = None
     flip: dict[str, Any] | None = None
@@ -220,6 +225,7 @@ def compare(
         delta=delta_difference(reference, candidate),
         regular=energy != 0,  # nan, where the reference is not finite, is not nothing
         skipped=_skipped(l1.value, energy, missed, bias, without_log, values - ratio_count, values),
+        lobes_from=both.found_from,
         directions=directions,
         seed=seed,
     )

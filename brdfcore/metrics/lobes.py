@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -20,7 +21,7 @@ import numpy.typing as npt
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.base.geometry import outgoing_from_half, pair_from_angles
-from brdfcore.base.peaks import MOST, peaks
+from brdfcore.base.peaks import FOUND_FROM, MOST, peaks
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -54,6 +55,8 @@ class Lobes:
 
     def __init__(self, brdfs: Sequence[Brdf], seed: int) -> None:
         self._brdfs = list(brdfs)
+        self._smooth = [b for b in brdfs if b.smooth_elsewhere]
+        self._rough = [b for b in brdfs if not b.smooth_elsewhere]
         self._bilateral = all(b.bilateral for b in brdfs)
         self._nodes = np.radians(_SEARCHED)
         self._tracks = self._followed([self._peaks(t) for t in self._nodes])
@@ -67,15 +70,22 @@ class Lobes:
 
     # ---- peaks --------------------------------------------------------------------------------
 
+    @property
+    def found_from(self) -> float:
+        """rad; a lobe away from mirror direction and light that is narrower, and without tails, may have been missed;
+        0 where what the BRDFs are leaves no room for one."""
+        return FOUND_FROM if self._rough else 0.0
+
     def _total(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
         """Sum over the BRDFs of |f|, channels added."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(
-                sum(np.abs(b.evaluate(theta_i, theta_o, delta_phi)).sum(axis=1) for b in self._brdfs), np.float64
-            )
+        return _sum_of(self._brdfs, theta_i, theta_o, delta_phi)
 
     def _peaks(self, theta_i: float) -> Float64Array:
-        return peaks(self._total, theta_i, bilateral=self._bilateral)
+        rough, smooth = (partial(_sum_of, some) if some else None for some in (self._rough, self._smooth))
+        if rough is None:
+            assert smooth is not None
+            return peaks(smooth, theta_i, bilateral=self._bilateral, finer=1)
+        return peaks(rough, theta_i, bilateral=self._bilateral, smooth=smooth)
 
     def _followed(self, found: Sequence[Float64Array]) -> Float64Array:
         """(intervals, slots, 2, 3): unit vectors of each peak at both ends of an interval of theta_i."""
@@ -210,6 +220,14 @@ class Lobes:
             component = 1 + k * _RINGS + np.where(inside, ring, 0).astype(np.intp)
             found.append((component, np.where(inside, self._shares[band, component] * jacobian, 0.0)))
         return found, np.sum([part for _, part in found], axis=0)
+
+
+def _sum_of(
+    brdfs: Sequence[Brdf], theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array
+) -> Float64Array:
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = sum(np.abs(b.evaluate(theta_i, theta_o, delta_phi)).sum(axis=1) for b in brdfs)
+    return np.asarray(total, np.float64)
 
 
 def _vectors(theta: Float64Array, phi: Float64Array) -> Float64Array:

@@ -74,7 +74,9 @@ def test_between_the_wavelengths_as_colour_science_recommends() -> None:
 
     waves = np.array(BANDS)
     b = spectrum((0.05 + 0.6 / (1 + np.exp((590 - waves) / 12))) / np.pi)
-    sd = colour.SpectralDistribution(dict(zip(waves.tolist(), (b.evaluate(0.3, 0.4, 1.0) * np.pi).tolist(), strict=True)))
+    sd = colour.SpectralDistribution(
+        dict(zip(waves.tolist(), (b.evaluate(0.3, 0.4, 1.0) * np.pi).tolist(), strict=True))
+    )
     sd = sd.interpolate(colour.SpectralShape(400, 700, 1)).extrapolate(colour.SpectralShape(360, 830, 1))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

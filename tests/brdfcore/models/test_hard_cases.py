@@ -120,7 +120,7 @@ def test_long_and_short_vectors_beside_the_horizon() -> None:
     for _ in range(100):
         turn, lengths = draw.uniform(0, 2 * np.pi), 10 ** draw.uniform(-2, 2, 2)
         flat = np.array([np.cos(turn), np.sin(turn), 0])
-        wi = lengths[0] * (flat + [0, 0, 1e-3])
+        wi = lengths[0] * (flat + np.array([0, 0, 1e-3]))
         wo = lengths[1] * (np.append(1e-9 * draw.normal(size=2), 1e-3) - flat)
         want = oracle.ward(*oracle.from_vectors(wi, wo), roughness=1e-6)
         assert want > 1e-290
