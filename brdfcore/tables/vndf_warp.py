@@ -72,6 +72,7 @@ class VndfWarp(Table):
     SUMMARY = "the adaptive parameterisation of the RGL material database, exact for its files"
     PARAMETERS = (Parameter("shape", "", "nodes of the visible normals' density, at most the file's", "", kind="text"),)
     STEP = 0.0
+    OFF_BY_HALF_VECTOR = True
     _checks_domain = True
 
     def __init__(self, arrays: Mapping[str, npt.NDArray[Any]], channels: Channels, flags: Mapping[str, bool]) -> None:
