@@ -33,6 +33,8 @@ Float64Array = npt.NDArray[np.float64]
 #: Values evaluated at a time by `compare`: memory stays below 300 MB with 195 channels, and one channel on the
 #: default number of directions is one piece.
 _CHUNK = 1 << 19
+#: Beside BIAS_ANGLES, degrees: up to the horizon a table of what conserves energy may reflect more than all light.
+_HORIZON = (89.99, 90.0)
 #: Angles at which the delta parts are compared, beside BIAS_ANGLES: none of them a node of a table.
 _DELTA_ANGLES = 4_096
 Range = tuple[float, float]
@@ -66,6 +68,9 @@ class Comparison:
     albedo_bias
         {"theta_i": radians, "bias": (albedo' - albedo)/albedo, the worst channel's, "error": what the quadrature may be
         off}, deltas left out; nan where the reference reflects nothing.
+    albedo_excess
+        where the reference conserves energy, by how much the candidate's albedo passes 1 at most, at 89.99 and 90
+        degrees too; else 0.
     log_ratio, log_ratio_interval
         p50, p95, p99, p999, max of |ln((f'+d)/(f+d))|, d = 1e-6 x mean albedo / pi, over all draws with f' >= 0 and
         f >= 0; 95 % intervals [low, high] of all but the largest. The albedo is estimated from the first 2^19 values.
@@ -112,6 +117,7 @@ class Comparison:
     symmetry: dict[str, dict[str, float]] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
     lobes_from: float = 0.0
+    albedo_excess: float = 0.0
     nbytes: int | None = None
     ns: dict[str, Any] | None = None
     flip: dict[str, Any] | None = None
@@ -216,6 +222,7 @@ def compare(
         rms_cube_root=cubes_rms.value,
         rms_cube_root_stderr=cubes_rms.stderr,
         albedo_bias=bias,
+        albedo_excess=albedo_excess(reference, candidate),
         log_ratio=log_ratio,
         log_ratio_interval=interval,
         symmetry={"reference": symmetry_defects(reference), "candidate": symmetry_defects(candidate)},
@@ -320,6 +327,15 @@ def albedo_bias(reference: Brdf, candidate: Brdf) -> dict[str, list[float]]:
     worst = np.where(np.isnan(bias), -1.0, np.abs(bias)).argmax(axis=1)
     row = np.arange(theta.size)
     return {"theta_i": theta.tolist(), "bias": bias[row, worst].tolist(), "error": error[row, worst].tolist()}
+
+
+def albedo_excess(reference: Brdf, candidate: Brdf) -> float:
+    """See `Comparison.albedo_excess`."""
+    if not reference.energy_conserving:
+        return 0.0
+    theta = np.radians([*BIAS_ANGLES, *_HORIZON])
+    tolerance = ALBEDO_TOLERANCE if candidate._analytic else DATA_ALBEDO_TOLERANCE
+    return max(float(candidate.albedo_error(theta, tolerance=tolerance)[0].max()) - 1, 0.0)
 
 
 def _regular_albedo(b: Brdf, theta: Float64Array) -> tuple[FloatArray, FloatArray]:
