@@ -28,7 +28,7 @@ _RANGE_PARTS = 4
 #: A knot this near the end of a range, rad, counts for both.
 _NEAR_BY = 0.01
 #: Most values drawn in the cells, and most terms summed for them: fewer directions with many channels or slow sums.
-_MOST_VALUES, _MOST_SUMS, _LEAST_EACH = 2_500_000, 4_000_000_000, 20
+_MOST_VALUES, _MOST_SUMS, _LEAST_EACH, _LEAST = 2_500_000, 20_000_000_000, 20, 3_600
 #: Distances to the mirror direction and to the light between which energy is sought, rad.
 _NEAR, _FAR = 1e-5, 1.5
 _SEED = 20_261_201
@@ -46,7 +46,10 @@ def with_uncertainty(table: Table, source: Brdf) -> Table:
     slow = max(getattr(b, "size", 0) for b in (source, table))  # terms of an expansion
     level, wide = fitting(table.nbytes, len(table.channels), by_half=table.OFF_BY_HALF_VECTOR)
     c = cells(level)
-    most = min(_MOST_VALUES // len(table.channels), _MOST_SUMS // max(slow, 1))
+    most = min(_MOST_VALUES // len(table.channels), max(_MOST_SUMS // max(slow, 1), _LEAST))
+    while level > 0 and cells(level).count * _LEAST_EACH > most and not table.OFF_BY_HALF_VECTOR:
+        level, wide = level - 1, 1
+    held = int(np.clip(most // (12 * len(EDGES)), 40, _HELD))
     each = int(np.clip(most // c.count, _LEAST_EACH, _EACH))
     angles = c.draw(each, rng)
     try:
@@ -57,10 +60,12 @@ def with_uncertainty(table: Table, source: Brdf) -> Table:
     learnt = made_of(level, wide, values, error, each)
     factor = []
     for k in range(len(EDGES) - 1):
-        spread, lit = _held_out(source, k, rng)
-        parts = _ratios(learnt, table, source, spread).reshape(spread[0].size // _HELD, -1)
+        spread, lit = _held_out(source, k, rng, held)
+        parts = _ratios(learnt, table, source, spread).reshape(spread[0].size // held, -1)
         wanted = [quantile(parts[:, :, None], PART_LEVEL).max()]
-        wanted += [quantile(r.reshape(1, -1, 1), HELD_LEVEL).item() for r in (parts, _ratios(learnt, table, source, lit))]
+        wanted += [
+            quantile(r.reshape(1, -1, 1), HELD_LEVEL).item() for r in (parts, _ratios(learnt, table, source, lit))
+        ]
         factor.append(max(wanted))
     relative = own / (np.abs(values) + learnt.arrays["floors"]) / learnt.arrays["factors"] if own.any() else None
     table.local_error = calibrated(learnt, np.asarray(factor), np.repeat(np.arange(c.count), each), relative)
@@ -83,13 +88,13 @@ def _ratios(learnt: LocalError, table: Table, source: Brdf, angles: Angles) -> F
     return np.divide(error, width, out=np.where(error > 0, np.inf, 0.0), where=width > 0)
 
 
-def _held_out(source: Brdf, k: int, rng: np.random.Generator) -> tuple[Angles, Angles]:
-    """Directions with theta_i in range k of `EDGES`: viewers uniform over the hemisphere, `_HELD` in each part of the
+def _held_out(source: Brdf, k: int, rng: np.random.Generator, held: int) -> tuple[Angles, Angles]:
+    """Directions with theta_i in range k of `EDGES`: viewers uniform over the hemisphere, `held` in each part of the
     range and at each knot of the source in it, where an error has its peaks; and as f_r cos(theta_o)."""
     inner = np.linspace(EDGES[k], EDGES[k + 1], _RANGE_PARTS + 1)
     knots = np.asarray(getattr(source, "incidence_knots", ()), np.float64)
     knots = np.clip(knots[(knots >= inner[0] - _NEAR_BY) & (knots <= inner[-1] + _NEAR_BY)], inner[0], inner[-1])
-    low, high = (np.repeat(np.concatenate([x, knots]), _HELD) for x in (inner[:-1], inner[1:]))
+    low, high = (np.repeat(np.concatenate([x, knots]), held) for x in (inner[:-1], inner[1:]))
     n = low.size
     flat = low + rng.random(n) * (high - low), np.arccos(rng.random(n)), rng.uniform(-np.pi, np.pi, n)
     theta_i = EDGES[k] + rng.random(_POOL) * (EDGES[k + 1] - EDGES[k])
@@ -117,5 +122,5 @@ def _held_out(source: Brdf, k: int, rng: np.random.Generator) -> tuple[Angles, A
     energy = np.where(np.isfinite(energy) & ((kind == 0) | about), energy, 0.0)
     if not energy.sum() > 0:
         return flat, flat
-    pick = rng.choice(_POOL, _HELD, p=energy / energy.sum())
+    pick = rng.choice(_POOL, held, p=energy / energy.sum())
     return flat, (theta_i[pick], theta_o[pick], delta_phi[pick])

@@ -26,7 +26,7 @@ from brdfcore.metrics.estimators import (
 )
 from brdfcore.metrics.incidence import Incidences, floored
 from brdfcore.metrics.lobes import Drawn, Lobes
-from brdfcore.metrics.symmetry import BIAS_ANGLES, symmetry_defects
+from brdfcore.metrics.symmetry import BIAS_ANGLES, PAIRS, symmetry_defects
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -206,7 +206,8 @@ def compare(
     both = Lobes([reference, candidate], seed)
     l1, l2, energy = _misplaced(reference, candidate, energy_draws(both, directions, seed, light, view))
     if incidences is None:
-        incidences = Incidences(reference, common, both, light=light, view=view, seed=seed)
+        draws = max(directions // 4, 200)
+        incidences = Incidences(reference, common, both, light=light, view=view, seed=seed, draws=draws)
     bias = albedo_bias(reference, candidate)
     rows = incidences.rows(candidate)
     missed = floored(rows, bias) if (light, view) == (WHOLE, WHOLE) else 0.0
@@ -225,7 +226,10 @@ def compare(
         albedo_excess=albedo_excess(reference, candidate),
         log_ratio=log_ratio,
         log_ratio_interval=interval,
-        symmetry={"reference": symmetry_defects(reference), "candidate": symmetry_defects(candidate)},
+        symmetry={
+            name: symmetry_defects(b, pairs=min(PAIRS, max(directions // 4, 200)))
+            for name, b in (("reference", reference), ("candidate", candidate))
+        },
         negatives=negatives,
         nan=nan,
         values=values,

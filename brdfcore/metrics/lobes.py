@@ -54,9 +54,10 @@ class Lobes:
     """Where `brdfs` have their energy, and draws from it."""
 
     def __init__(self, brdfs: Sequence[Brdf], seed: int) -> None:
-        self._brdfs = list(brdfs)
-        self._smooth = [b for b in brdfs if b.smooth_elsewhere]
-        self._rough = [b for b in brdfs if not b.smooth_elsewhere]
+        # an expansion in waves has what it was made of, only wider, and its look-ups are slow: the first BRDF leads
+        self._brdfs = [b for k, b in enumerate(brdfs) if k == 0 or not b._smooth_elsewhere]
+        self._smooth = [b for b in self._brdfs if b.smooth_elsewhere]
+        self._rough = [b for b in self._brdfs if not b.smooth_elsewhere]
         self._bilateral = all(b.bilateral for b in brdfs)
         self._nodes = np.radians(_SEARCHED)
         self._tracks = self._followed([self._peaks(t) for t in self._nodes])
