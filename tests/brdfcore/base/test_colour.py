@@ -111,7 +111,7 @@ def test_it_is_a_brdf(white: bc.Brdf) -> None:
     testing.check_brdf(b)
     testing.check_pickle(b)
     assert "illuminant D65" in b.report["done"][-1]
-    assert "beyond the wavelengths" in b.metadata["colour"]
+    assert "constant beyond them" in b.metadata["colour"]
     assert (b.status(0.3, 0.4, 1.0) == white.status(0.3, 0.4, 1.0)).all()
 
 
