@@ -136,7 +136,8 @@ SCENE.json lists materials, how each is seen, and a budget:
 
 error is that of each material under light from any one angle (default 0.01), bytes that of all tables together, ns the
 longest time of a look-up on one core; light and view are ranges of theta_i and theta_o in degrees ("angles": "rad"
-switches); lighting is "lamps" or "environment"; channels are names or wavelengths. What is left out is not restricted. Files are sought beside the scene.
+switches); lighting is "lamps" or "environment"; channels are names or wavelengths. What is left out is not restricted.
+Files are sought beside the scene.
 Equal materials share one table; only the channels needed are stored; errors are measured over the angles seen; a
 formula is kept where it is quick. --build writes NAME.h5, NAME.json and plan.manifest, which `brdf serve --data DIR`
 serves, and measures each file on directions that nothing was chosen by.

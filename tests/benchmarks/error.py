@@ -7,8 +7,8 @@ spikes  what `compare` states for a table that lacks a lobe, against the closed 
 files   tables of the measured files at a tolerance: bytes, processor time, and on fresh draws the worst L1 at one
         incidence, the albedo's ratio and L1 towards the normal, and what is left at 88 and 89 degrees.
 lobes   the same for lobes drawn by seed: models of all kinds, widths 1e-4 to .6, alone, two at once, on a Lambertian.
-intervals, left-out, status  what 95 % intervals hold, how wide they are and what they cost, on tables and on measurements
-        of which a fifth was left out; and whether what is called measured is: `tests.benchmarks.uncertainty`.
+intervals, left-out, status  what 95 % intervals hold, how wide they are and what they cost, on tables and on
+        measurements of which a fifth was left out; and whether what is called measured is: `benchmarks.uncertainty`.
 """
 
 from __future__ import annotations
