@@ -14,7 +14,7 @@ from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.conventions import FloatArray, Outside
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import shown
-from brdfcore.base.peaks import FINER, changes_beside, peaks
+from brdfcore.base.peaks import changes_beside, peaks, smooth_elsewhere
 from brdfcore.base.pole import evaluate_by_angles
 from brdfcore.base.provenance import Provenance, add_in_squares
 from brdfcore.base.quadrature import integrate_hemisphere
@@ -68,9 +68,7 @@ class Brdf(Provenance, ABC):
     _takes_vectors: bool = False
     #: True if f is a formula, smooth but for few kinks: the albedo is then refined until its error is small.
     _analytic: bool = False
-    #: True if f, though no formula, has no lobe narrower than a degree away from the mirror direction and the light. Of
-    #: what only answers nothing is known.
-    _smooth_elsewhere: bool = False
+    _smooth_elsewhere: bool = False  #: True if, though no formula, it has no narrow lobe away from mirror and light
     #: True if f is stored and never changes while the object lives: albedos are kept, as those of a formula are.
     _fixed: bool = False
 
@@ -280,11 +278,6 @@ class Brdf(Provenance, ABC):
         shape = (*angles.shape, len(self.channels))
         return values.reshape(shape), errors.reshape(shape)
 
-    @property
-    def smooth_elsewhere(self) -> bool:
-        """Whether no lobe narrower than a degree can be away from the mirror direction and the light."""
-        return self._analytic or self._smooth_elsewhere
-
     def _centres(self, theta_i: float) -> list[tuple[float, float]]:
         """Directions (theta_o, delta_phi) of lobes elsewhere than at the mirror direction: what an integral must know.
 
@@ -297,9 +290,8 @@ class Brdf(Provenance, ABC):
                 return np.asarray(self.evaluate(*angles).sum(axis=1), np.float64)
 
         found = [(theta_i, 0.0)] if changes_beside(total, theta_i) else []
-        if not self._analytic:
-            finer = 1 if self.smooth_elsewhere else FINER
-            found += [(float(t), float(d)) for t, d in peaks(total, theta_i, bilateral=self.bilateral, finer=finer)]
+        if not smooth_elsewhere(self):
+            found += [(float(t), float(d)) for t, d in peaks(total, theta_i, bilateral=self.bilateral)]
         return found
 
     def describe(self) -> dict[str, Any]:
@@ -340,8 +332,10 @@ class Sum(Brdf):
         self.non_negative = a.non_negative and b.non_negative
         self.energy_conserving = False  # each may reflect all light
         self.has_delta = a.has_delta or b.has_delta
-        self._analytic = a._analytic and b._analytic
-        self._smooth_elsewhere = a.smooth_elsewhere and b.smooth_elsewhere
+        self._analytic, self._smooth_elsewhere = (
+            a._analytic and b._analytic,
+            smooth_elsewhere(a) and smooth_elsewhere(b),
+        )
         self.metadata = {"sum": [a.describe()["metadata"], b.describe()["metadata"]]}
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +30,12 @@ _KNOWN = float(np.radians(4.0))
 _BESIDE = 0.1
 #: Halvings of the step of the search: from a degree to 1e-9 rad.
 _HALVINGS = 24
+
+
+def smooth_elsewhere(b: Any) -> bool:
+    """Whether a BRDF can't have a lobe narrower than a degree away from the mirror direction and the light: of what
+    only answers nothing is known."""
+    return bool(b._analytic or b._smooth_elsewhere)
 
 
 def peaks(

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.base.geometry import outgoing_from_half, pair_from_angles
-from brdfcore.base.peaks import FOUND_FROM, MOST, peaks
+from brdfcore.base.peaks import FOUND_FROM, MOST, peaks, smooth_elsewhere
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -56,8 +56,8 @@ class Lobes:
     def __init__(self, brdfs: Sequence[Brdf], seed: int) -> None:
         # an expansion in waves has what it was made of, only wider, and its look-ups are slow: the first BRDF leads
         self._brdfs = [b for k, b in enumerate(brdfs) if k == 0 or not b._smooth_elsewhere]
-        self._smooth = [b for b in self._brdfs if b.smooth_elsewhere]
-        self._rough = [b for b in self._brdfs if not b.smooth_elsewhere]
+        self._smooth = [b for b in self._brdfs if smooth_elsewhere(b)]
+        self._rough = [b for b in self._brdfs if not smooth_elsewhere(b)]
         self._bilateral = all(b.bilateral for b in brdfs)
         self._nodes = np.radians(_SEARCHED)
         self._tracks = self._followed([self._peaks(t) for t in self._nodes])
