@@ -281,8 +281,7 @@ class Brdf(Provenance, ABC):
     def _centres(self, theta_i: float) -> list[tuple[float, float]]:
         """Directions (theta_o, delta_phi) of lobes elsewhere than at the mirror direction: what an integral must know.
 
-        The light's own, if f_r changes beside it, at any distance from 1e-9 rad up; and the peaks of a scan, for what
-        is no formula.
+        The light's own, if f_r changes beside it, from 1e-9 rad up; and the peaks of a scan, for what is no formula.
         """
 
         def total(*angles: FloatArray) -> npt.NDArray[np.float64]:
@@ -332,10 +331,8 @@ class Sum(Brdf):
         self.non_negative = a.non_negative and b.non_negative
         self.energy_conserving = False  # each may reflect all light
         self.has_delta = a.has_delta or b.has_delta
-        self._analytic, self._smooth_elsewhere = (
-            a._analytic and b._analytic,
-            smooth_elsewhere(a) and smooth_elsewhere(b),
-        )
+        self._analytic = a._analytic and b._analytic
+        self._smooth_elsewhere = smooth_elsewhere(a) and smooth_elsewhere(b)
         self.metadata = {"sum": [a.describe()["metadata"], b.describe()["metadata"]]}
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
