@@ -175,8 +175,8 @@ class Lobes:
         for c, at in ((2, np.pi), (3, 0.0)):
             of = centre == c
             theta_o[of], delta_phi[of] = _about(theta_i[of], r[of], turn[of], at)
-        if self._extra:
-            at_peak = self._centres(theta_i)
+        at_peak = self._centres(theta_i) if self._extra else None
+        if at_peak is not None:
             for s in range(self._extra):
                 of = centre == 4 + s
                 v = at_peak[of, s]
@@ -184,7 +184,7 @@ class Lobes:
                 theta_o[of], delta_phi[of] = _about(polar, r[of], turn[of], azimuth)
         below = ~(theta_o < HALF_PI)
         theta_o = np.where(below, 0.0, theta_o)
-        weight = np.where(below, 0.0, np.cos(theta_o) / self.density(theta_i, theta_o, delta_phi))
+        weight = np.where(below, 0.0, np.cos(theta_o) / self._components(theta_i, theta_o, delta_phi, at_peak)[1])
         return Drawn(theta_i, theta_o, delta_phi, weight, centre)
 
     def density(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
@@ -192,7 +192,7 @@ class Lobes:
         return self._components(theta_i, theta_o, delta_phi)[1]
 
     def _components(
-        self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array
+        self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array, at_peak: Float64Array | None = None
     ) -> tuple[list[tuple[npt.NDArray[np.intp], Float64Array]], Float64Array]:
         """[(component, its share times its density)] of the one ring of each centre that a direction is in; the sum.
 
@@ -205,7 +205,7 @@ class Lobes:
         sin2 = [np.clip(0.5 * pair.one_minus_rv, 0, 1), pair.sin2_d]
         if self._extra:
             wo = _vectors(theta_o, delta_phi)
-            apart = wo[:, None] - self._centres(theta_i)
+            apart = wo[:, None] - (self._centres(theta_i) if at_peak is None else at_peak)
             sin2 += list(0.25 * (apart**2).sum(axis=-1).T)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             rings = [(pair.tan2_h, even * (1 + pair.tan2_h) ** 1.5 / pair.tan2_h / (4 * pair.cos_d))]
