@@ -14,7 +14,7 @@ from brdfcore.base.channels import VALUE, Channels
 from brdfcore.base.conventions import FloatArray, Outside
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import shown
-from brdfcore.base.peaks import changes_beside, peaks
+from brdfcore.base.peaks import changes_beside, peaks, smooth_elsewhere
 from brdfcore.base.pole import evaluate_by_angles
 from brdfcore.base.provenance import Provenance, add_in_squares
 from brdfcore.base.quadrature import integrate_hemisphere
@@ -69,6 +69,7 @@ class Brdf(Provenance, Sampling, ABC):
     _takes_vectors: bool = False
     #: True if f is a formula, smooth but for few kinks: the albedo is then refined until its error is small.
     _analytic: bool = False
+    _smooth_elsewhere: bool = False  #: True if, though no formula, it has no narrow lobe away from mirror and light
     #: True if f is stored and never changes while the object lives: albedos are kept, as those of a formula are.
     _fixed: bool = False
 
@@ -88,7 +89,7 @@ class Brdf(Provenance, Sampling, ABC):
         """
 
     def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
-        """f_r of unit vectors (n, 3), float64, both with z > 0, into `out` (n, channels)."""
+        """f_r of vectors (n, 3), float64, of lengths from 1/2 to 4, both with z > 0, into `out` (n, channels)."""
         evaluate_by_angles(self._evaluate, wi, wo, out)
 
     def _evaluate_raw_vectors(self, wi: FloatArray, wo: FloatArray, out: FloatArray) -> bool:
@@ -181,7 +182,7 @@ class Brdf(Provenance, Sampling, ABC):
         """
         if self._takes_vectors:
             return self._evaluate_in_place(wi, wo, out)
-        vectors = conventions.flatten_vectors(wi, wo)
+        vectors = conventions.flatten_vectors(wi, wo, unit=False)
         count = len(self.channels)
         values = conventions.prepare_out(out, (*vectors.shape, count), vectors.dtype)
         above = (vectors.wi[:, 2] > 0) & (vectors.wo[:, 2] > 0)
@@ -281,8 +282,7 @@ class Brdf(Provenance, Sampling, ABC):
     def _centres(self, theta_i: float) -> list[tuple[float, float]]:
         """Directions (theta_o, delta_phi) of lobes elsewhere than at the mirror direction: what an integral must know.
 
-        The light's own, if f_r changes beside it, at any distance from 1e-9 rad up; and the peaks of a scan, for what
-        is no formula.
+        The light's own, if f_r changes beside it, from 1e-9 rad up; and the peaks of a scan, for what is no formula.
         """
 
         def total(*angles: FloatArray) -> npt.NDArray[np.float64]:
@@ -290,7 +290,7 @@ class Brdf(Provenance, Sampling, ABC):
                 return np.asarray(self.evaluate(*angles).sum(axis=1), np.float64)
 
         found = [(theta_i, 0.0)] if changes_beside(total, theta_i) else []
-        if not self._analytic:
+        if not smooth_elsewhere(self):
             found += [(float(t), float(d)) for t, d in peaks(total, theta_i, bilateral=self.bilateral)]
         return found
 
@@ -333,6 +333,7 @@ class Sum(Brdf):
         self.energy_conserving = False  # each may reflect all light
         self.has_delta = a.has_delta or b.has_delta
         self._analytic = a._analytic and b._analytic
+        self._smooth_elsewhere = smooth_elsewhere(a) and smooth_elsewhere(b)
         self.metadata = {"sum": [a.describe()["metadata"], b.describe()["metadata"]]}
 
     def _evaluate(self, theta_i: FloatArray, theta_o: FloatArray, delta_phi: FloatArray, out: FloatArray) -> bool:
@@ -387,7 +388,7 @@ class Scaled(Brdf):
         self.bilateral, self.reciprocal, self.non_negative = part.bilateral, part.reciprocal, part.non_negative
         self.energy_conserving = part.energy_conserving and bool((scale <= 1).all())
         self.has_delta = part.has_delta
-        self._analytic = part._analytic
+        self._analytic, self._smooth_elsewhere = part._analytic, part._smooth_elsewhere
         self.metadata = {"scaled": part.describe()["metadata"], "factor": scale.tolist()}
         self.report = part.report
 

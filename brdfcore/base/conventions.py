@@ -224,7 +224,7 @@ _EXTREME = 16
 
 
 class Vectors(NamedTuple):
-    """Directions as (n, 3) arrays (float64 where checked and unit), the broadcast shape and the result's dtype."""
+    """Directions as (n, 3) arrays (float64 where checked), the broadcast shape and the result's dtype."""
 
     wi: npt.NDArray[Any]
     wo: npt.NDArray[Any]
@@ -232,17 +232,17 @@ class Vectors(NamedTuple):
     dtype: np.dtype[Any]
 
 
-def flatten_vectors(wi: npt.ArrayLike, wo: npt.ArrayLike) -> Vectors:
+def flatten_vectors(wi: npt.ArrayLike, wo: npt.ArrayLike, *, unit: bool = True) -> Vectors:
     """Broadcast, check and normalise two sets of directions of shape (..., 3).
 
     Normalised in float64 whatever the input: rounding a unit vector back to float32 would move it by
-    6e-8, more than the width of a sharp lobe. A zero, NaN or infinite vector is an `InputError`.
+    6e-8, more than the width of a sharp lobe. Without `unit` they only come to lengths from 1/2 to 4, by powers of two,
+    which keeps their directions' bits. A zero, NaN or infinite vector is an `InputError`.
     Directions with z <= 0 are kept: the caller answers exactly 0 for them.
     """
     a, b, shape, dtype = _vector_arrays(wi, wo)
-    flat = [
-        _normalised(name, np.broadcast_to(v, (*shape, 3)).reshape(-1, 3), shape) for name, v in (("wi", a), ("wo", b))
-    ]
+    made = _normalised if unit else _halved
+    flat = [made(name, np.broadcast_to(v, (*shape, 3)).reshape(-1, 3), shape) for name, v in (("wi", a), ("wo", b))]
     return Vectors(flat[0], flat[1], shape, dtype)
 
 
@@ -315,9 +315,18 @@ def _normalised(name: str, v: FloatArray, shape: tuple[int, ...]) -> npt.NDArray
     with np.errstate(over="ignore", under="ignore"):
         norm = np.sqrt((w * w).sum(axis=1))
         unit = np.abs((exact * exact).sum(axis=1) - 1) <= 4 * np.finfo(np.float64).eps
-    # What is unit to rounding keeps its bits: rounded again it moves by 1e-16, and a lobe of roughness 1e-6, or the
-    # half vector of two grazing directions, loses ten digits and more. `pair_from_vectors` accounts for the length.
+    # what is unit to rounding keeps its bits
     return np.ascontiguousarray(np.where(unit[:, None], exact, w / norm[:, None]))
+
+
+def _halved(name: str, v: FloatArray, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    """Vectors over a power of two. Divided by their length they would move by 1e-16, and a lobe of roughness 1e-6, or
+    the half vector of two grazing directions, would lose ten digits and more: `pair_from_vectors` does it."""
+    _, exponent = np.frexp(_largest(name, v, shape))
+    exact = v.astype(np.float64)
+    usual = (exponent == 0) | (exponent == 1)
+    with np.errstate(under="ignore"):
+        return np.ascontiguousarray(np.where(usual[:, None], exact, np.ldexp(exact, -exponent[:, None])))
 
 
 def prepare_out(out: FloatArray | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> FloatArray:

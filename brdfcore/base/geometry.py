@@ -91,20 +91,19 @@ def _azimuths(delta_phi: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 
 def pair_from_vectors(wi: Float64Array, wo: Float64Array) -> PairGeometry:
-    """Pair geometry of the directions of vectors (n, 3) with z > 0 that are unit to a few roundings.
+    """Pair geometry of the directions of vectors (n, 3) with z > 0, of lengths from 1/2 to 4.
 
     tan^2 theta_h = (H_x^2 + H_y^2)/H_z^2 with H = wi + wo, cos theta_d = |H|/2, sin theta_d = |wi - wo|/2;
     1 - r.v = |r - wo|^2/2 with r = (-wi_x, -wi_y, wi_z). Each is a sum of squares of plain sums.
 
-    No float vector has length exactly 1. wi/|wi| = wi (1 - a) with a = 1 - 1/|wi| of the order 1e-16; beside the
-    mirror direction H_x and H_y are that small themselves, so `a` is carried and taken off after the sum.
+    No float vector has length exactly 1. Beside the mirror direction H_x and H_y are as small as the rounding of a unit
+    vector, so what rounding takes is carried and added after the sum.
     """
-    shrink_i, shrink_o = (_excess_length(w)[:, None] for w in (wi, wo))
-    correction_i, correction_o = wi * shrink_i, wo * shrink_o
-    h = (wi + wo) - (correction_i + correction_o)
-    difference = (wi - wo) - (correction_i - correction_o)
+    (wi, rest_i), (wo, rest_o) = _unit(wi), _unit(wo)
+    h = (wi + wo) + (rest_i + rest_o)
+    difference = (wi - wo) + (rest_i - rest_o)
     # A smaller z would overflow 1/z^2; the float64 angle nearest the horizon has cos theta = 6e-17.
-    cos_i, cos_o = (np.maximum(w[:, 2] - c[:, 2], 1e-100) for w, c in ((wi, correction_i), (wo, correction_o)))
+    cos_i, cos_o = (np.maximum(w[:, 2] + r[:, 2], 1e-100) for w, r in ((wi, rest_i), (wo, rest_o)))
     h_z = cos_i + cos_o
     h_xy = np.hypot(h[:, 0], h[:, 1])
     rho_i, rho_o = np.hypot(wi[:, 0], wi[:, 1]), np.hypot(wo[:, 0], wo[:, 1])
@@ -116,8 +115,8 @@ def pair_from_vectors(wi: Float64Array, wo: Float64Array) -> PairGeometry:
         return PairGeometry(
             cos_i=cos_i,
             cos_o=cos_o,
-            sin_i=rho_i - rho_i * shrink_i[:, 0],
-            sin_o=rho_o - rho_o * shrink_o[:, 0],
+            sin_i=rho_i,
+            sin_o=rho_o,
             tan2_h=(h_xy / h_z) ** 2,
             cos_d=np.minimum(0.5 * np.hypot(h_xy, h_z), 1.0),
             sin2_d=0.25 * (difference**2).sum(axis=1),
@@ -126,33 +125,44 @@ def pair_from_vectors(wi: Float64Array, wo: Float64Array) -> PairGeometry:
         )
 
 
-def _excess_length(w: Float64Array) -> Float64Array:
-    """a = 1 - 1/|w| of vectors (n, 3) whose length is 1 to rounding, with an absolute error near 1e-32.
+def _unit(w: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """(u, r) of vectors (n, 3): w/|w| = u + r to some 1e-31, u its float64.
 
-    |w|^2 - 1 is summed with the rounding errors of the squares (Dekker 1971, doi:10.1007/BF01397083) and of the
-    sums (Knuth's two-sum) carried along; a = (|w|^2 - 1)/(|w| (|w| + 1)).
+    |w|^2 is summed with the rounding errors of squares (Dekker 1971, doi:10.1007/BF01397083) and sums (Knuth's two-sum)
+    carried along, and 1/|w| made of it by a step of Newton.
     """
     with np.errstate(under="ignore"):
-        big = w * 134217729.0  # 2^27 + 1 splits a float64 into two halves of 26 bits
-        high = big - (big - w)
-        low = w - high
-        squares = w * w
-        lost = (((high * high - squares) + 2 * high * low) + low * low).sum(axis=1)
-    total = np.full(w.shape[0], -1.0)
-    for k in (2, 1, 0):
-        term = squares[:, k]
-        new = total + term
-        part = new - total
-        lost += (total - (new - part)) + (term - part)
-        total = new
-    excess = total + lost
-    length = np.sqrt(1 + excess)
-    shrink: Float64Array = excess / (length * (length + 1))
-    return shrink
+        squares, lost_in_squares = _product(w, w)
+        high, lost = np.zeros(w.shape[0]), lost_in_squares.sum(axis=1)
+        for term in np.sort(squares, axis=1).T[::-1]:
+            new = high + term
+            lost += term - (new - high)  # exact: the sum so far is the larger
+            high = new
+        scale = 1 / np.sqrt(high)
+        square, lost_in_square = _product(scale, scale)
+        one, lost_in_one = _product(high, square)
+        left = (1 - one) - lost_in_one - (high * lost_in_square + lost * square)
+        unit, lost_in_unit = _product(w, scale[:, None])
+        return unit, lost_in_unit + w * (0.5 * scale * left)[:, None]
+
+
+def _product(a: Float64Array, b: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """(a b rounded, what rounding took), of numbers far from the ends of float64."""
+    product: Float64Array = a * b
+    (a_high, a_low), (b_high, b_low) = _halves(a), _halves(b)
+    lost: Float64Array = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
+    return product, lost
+
+
+def _halves(x: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Two numbers of 26 bits whose sum is x."""
+    big = x * 134217729.0  # 2^27 + 1
+    high = big - (big - x)
+    return high, x - high
 
 
 def angles_from_vectors(wi: Float64Array, wo: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """(theta_i, theta_o, delta_phi) of unit vectors (n, 3); delta_phi in [-pi, pi].
+    """(theta_i, theta_o, delta_phi) of vectors (n, 3) of any length; delta_phi in [-pi, pi].
 
     atan2 throughout: acos(z) is wrong by 100 % at theta = 1e-8. theta lies in [0, pi].
     """

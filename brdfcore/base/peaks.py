@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +14,12 @@ Float64Array = npt.NDArray[np.float64]
 #: f_r of (theta_i, theta_o, delta_phi), each (n,), summed over channels: (n,).
 Scalar = Callable[[Float64Array, Float64Array, Float64Array], Float64Array]
 
-#: Steps of the scan, in theta_o over a quarter turn and delta_phi over half a turn: 2 degrees.
-_POLAR, _AZIMUTHS = 45, 90
+#: Cells of the scan, in theta_o over a quarter turn and delta_phi over half a turn: 2 degrees. Each is looked at in
+#: FINER^2 places, 2/3 of a degree apart.
+_POLAR, _AZIMUTHS, FINER = 45, 90, 3
+#: Width, rad, of the narrowest lobe without tails that this finds, if its energy is that of a Lambertian of a tenth:
+#: exp(-(r/w)^2) stands out at the .6 degrees that the nearest place may be away. Narrower ones may be missed.
+FOUND_FROM = 0.0035
 #: A local maximum counts as a peak where it is this many times the mean of the points three steps away.
 _PROMINENCE = 2.0
 #: Peaks kept, the highest first.
@@ -27,17 +32,32 @@ _BESIDE = 0.1
 _HALVINGS = 24
 
 
-def peaks(f: Scalar, theta_i: float, *, bilateral: bool) -> Float64Array:
+def smooth_elsewhere(b: Any) -> bool:
+    """Whether a BRDF can't have a lobe narrower than a degree away from the mirror direction and the light: of what
+    only answers nothing is known."""
+    return bool(b._analytic or b._smooth_elsewhere)
+
+
+def peaks(
+    f: Scalar, theta_i: float, *, bilateral: bool, finer: int = FINER, smooth: Scalar | None = None
+) -> Float64Array:
     """(k, 2), k <= `MOST`: theta_o and delta_phi of the peaks of f_r cos theta_o away from mirror direction and light.
 
-    Found are lobes that stand out of their surroundings on a grid of 2 degrees: those a degree wide, and narrower ones
-    with long tails. A lobe narrower than the grid and without tails is not.
+    Found are lobes that stand out of their surroundings: those of `FOUND_FROM`, and narrower ones with long tails. With
+    `finer` = 1 each cell of 2 degrees is looked at once, which does for what has no lobe narrower than a degree there;
+    `smooth` is such a part, added to f.
     """
     azimuths = _AZIMUTHS * (1 if bilateral else 2)
-    theta = np.linspace(0.5, _POLAR - 0.5, _POLAR) * (HALF_PI / _POLAR)
-    phi = np.linspace(0.5, azimuths - 0.5, azimuths) * (np.pi / _AZIMUTHS)
-    at_theta, at_phi = np.meshgrid(theta, phi, indexing="ij")
-    values = _weighed(f, theta_i, at_theta.reshape(-1), at_phi.reshape(-1)).reshape(_POLAR, azimuths)
+    theta = (np.arange(_POLAR * finer) + 0.5) * (HALF_PI / (_POLAR * finer))
+    phi = (np.arange(azimuths * finer) + 0.5) * (np.pi / (_AZIMUTHS * finer))
+    at_theta, at_phi = _blocks(np.repeat(theta, phi.size), finer), _blocks(np.tile(phi, theta.size), finer)
+    looked_at = _weighed(f, theta_i, at_theta.reshape(-1), at_phi.reshape(-1)).reshape(at_theta.shape)
+    highest = looked_at.argmax(axis=1)[:, None]
+    values, at_theta, at_phi = (
+        np.take_along_axis(x, highest, axis=1).reshape(_POLAR, azimuths) for x in (looked_at, at_theta, at_phi)
+    )
+    if smooth is not None:
+        values = values + _weighed(smooth, theta_i, at_theta.reshape(-1), at_phi.reshape(-1)).reshape(values.shape)
     mode = "symmetric" if bilateral else "wrap"
     wide = np.pad(np.pad(values, ((3, 3), (0, 0)), mode="symmetric"), ((0, 0), (3, 3)), mode=mode)  # type: ignore[call-overload]
     shifted = [wide[3 + i : 3 + i + _POLAR, 3 + j : 3 + j + azimuths] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
@@ -48,11 +68,11 @@ def peaks(f: Scalar, theta_i: float, *, bilateral: bool) -> Float64Array:
             np.sin(0.5 * (at_phi - centre)) ** 2
         )
         high &= half > np.sin(0.5 * _KNOWN) ** 2
-    found = np.argwhere(high)
-    if not found.size:
+    if not high.any():
         return np.zeros((0, 2))
-    found = found[np.argsort(-values[high])[:MOST]]
-    return _climbed(f, theta_i, theta[found[:, 0]], phi[found[:, 1]])
+    order = np.argsort(-values[high])[:MOST]
+    whole = f if smooth is None else lambda *angles: f(*angles) + smooth(*angles)
+    return _climbed(whole, theta_i, at_theta[high][order], at_phi[high][order])
 
 
 def changes_beside(f: Scalar, theta_i: float) -> bool:
@@ -64,6 +84,11 @@ def changes_beside(f: Scalar, theta_i: float) -> bool:
     return bool(size.size and size.max() - size.min() > _BESIDE * size.max())
 
 
+def _blocks(x: Float64Array, finer: int) -> Float64Array:
+    """Of a grid, flat, its cells: (cells, finer^2)."""
+    return x.reshape(_POLAR, finer, -1, finer).transpose(0, 2, 1, 3).reshape(-1, finer * finer)
+
+
 def _weighed(f: Scalar, theta_i: float, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
     values = np.abs(f(np.full(theta_o.size, theta_i), theta_o, delta_phi)) * np.cos(theta_o)
     return np.where(np.isfinite(values), values, 0.0)
@@ -71,7 +96,7 @@ def _weighed(f: Scalar, theta_i: float, theta_o: Float64Array, delta_phi: Float6
 
 def _climbed(f: Scalar, theta_i: float, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
     """The maxima next to the given directions, all of them at once, by a search on shrinking 3 x 3 grids."""
-    step = np.full(theta_o.size, HALF_PI / _POLAR)
+    step = np.full(theta_o.size, HALF_PI / (_POLAR * FINER))
     offsets = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)], np.float64)
     for _ in range(3 * _HALVINGS):
         theta = np.clip(theta_o[:, None] + step[:, None] * offsets[:, 0], 0.0, HALF_PI)

@@ -21,7 +21,7 @@ def evaluate_by_angles(
     wo: npt.NDArray[np.float64],
     out: FloatArray,
 ) -> None:
-    """`evaluate(theta_i, theta_o, delta_phi, out)` of unit vectors (n, 3), into `out` (n, channels).
+    """`evaluate(theta_i, theta_o, delta_phi, out)` of vectors (n, 3) of any length, into `out` (n, channels).
 
     Light from exactly above has no azimuth: its value is the mean over delta_phi, which is the value itself for all but
     data that vary with it there.

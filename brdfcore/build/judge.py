@@ -57,6 +57,14 @@ class Judge:
         return {**compared.to_json(), **self.seen.attributes(), "measure": self.measure}
 
 
+def verified(error: Mapping[str, Any]) -> dict[str, Any]:
+    """Of a stated error (a `Comparison` as JSON) on fresh draws, what is told: `error`, what a tolerance bounds, null
+    where it is not finite; L1 under light from everywhere, and what it was measured on."""
+    worst_incidence = bounded(error, "incidence")
+    kept = {key: error[key] for key in ("l1", "l1_stderr", "delta", "directions", "seed")}
+    return {"error": worst_incidence if math.isfinite(worst_incidence) else None, **kept}
+
+
 def bounded(error: Mapping[str, Any], measure: str, tolerance: float | None = None) -> float:
     """What a tolerance bounds, from a stated error (a `Comparison` as JSON)."""
     delta = math.inf if error["delta"] is None else error["delta"]

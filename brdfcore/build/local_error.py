@@ -15,16 +15,20 @@ from brdfcore.base.brdf import Brdf
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.base.errors import InputError
 from brdfcore.tables.base.error_cells import EDGES, cells
-from brdfcore.tables.base.local_error import HELD_LEVEL, LocalError, calibrated, fitting, made_of, quantile
+from brdfcore.tables.base.local_error import HELD_LEVEL, PART_LEVEL, LocalError, calibrated, fitting, made_of, quantile
 from brdfcore.tables.base.table import Table
 
 Float64Array = npt.NDArray[np.float64]
 Angles = tuple[Float64Array, Float64Array, Float64Array]
 
-#: Directions in each cell; and held out in each range of theta_i: over the hemisphere, and by energy out of a pool.
+#: Directions in each cell; and held out in each range of theta_i: over the hemisphere, in each of its parts, and by
+#: energy out of a pool.
 _EACH, _HELD, _POOL = 48, 400, 1_600
+_RANGE_PARTS = 4
+#: A knot this near the end of a range, rad, counts for both.
+_NEAR_BY = 0.01
 #: Most values drawn in the cells, and most terms summed for them: fewer directions with many channels or slow sums.
-_MOST_VALUES, _MOST_SUMS, _LEAST_EACH = 2_500_000, 4_000_000_000, 20
+_MOST_VALUES, _MOST_SUMS, _LEAST_EACH, _LEAST = 2_500_000, 20_000_000_000, 20, 3_600
 #: Distances to the mirror direction and to the light between which energy is sought, rad.
 _NEAR, _FAR = 1e-5, 1.5
 _SEED = 20_261_201
@@ -40,9 +44,12 @@ def with_uncertainty(table: Table, source: Brdf) -> Table:
         return table
     rng = np.random.default_rng(_SEED)
     slow = max(getattr(b, "size", 0) for b in (source, table))  # terms of an expansion
-    level, wide = fitting(table.nbytes, len(table.channels))
+    level, wide = fitting(table.nbytes, len(table.channels), by_half=table.OFF_BY_HALF_VECTOR)
     c = cells(level)
-    most = min(_MOST_VALUES // len(table.channels), _MOST_SUMS // max(slow, 1))
+    most = min(_MOST_VALUES // len(table.channels), max(_MOST_SUMS // max(slow, 1), _LEAST))
+    while level > 0 and cells(level).count * _LEAST_EACH > most and not table.OFF_BY_HALF_VECTOR:
+        level, wide = level - 1, 1
+    held = int(np.clip(most // (12 * len(EDGES)), 40, _HELD))
     each = int(np.clip(most // c.count, _LEAST_EACH, _EACH))
     angles = c.draw(each, rng)
     try:
@@ -51,11 +58,15 @@ def with_uncertainty(table: Table, source: Brdf) -> Table:
         return table
     values, error = _errors(table, source, angles)
     learnt = made_of(level, wide, values, error, each)
-    held = []
+    factor = []
     for k in range(len(EDGES) - 1):
-        spread, lit = _held_out(source, k, rng)
-        held.append([_ratios(learnt, table, source, a) for a in (spread, lit)])
-    factor = [max(quantile(r.reshape(1, -1, 1), HELD_LEVEL).item() for r in both) for both in held]
+        spread, lit = _held_out(source, k, rng, held)
+        parts = _ratios(learnt, table, source, spread).reshape(spread[0].size // held, -1)
+        wanted = [quantile(parts[:, :, None], PART_LEVEL).max()]
+        wanted += [
+            quantile(r.reshape(1, -1, 1), HELD_LEVEL).item() for r in (parts, _ratios(learnt, table, source, lit))
+        ]
+        factor.append(max(wanted))
     relative = own / (np.abs(values) + learnt.arrays["floors"]) / learnt.arrays["factors"] if own.any() else None
     table.local_error = calibrated(learnt, np.asarray(factor), np.repeat(np.arange(c.count), each), relative)
     return table
@@ -77,8 +88,15 @@ def _ratios(learnt: LocalError, table: Table, source: Brdf, angles: Angles) -> F
     return np.divide(error, width, out=np.where(error > 0, np.inf, 0.0), where=width > 0)
 
 
-def _held_out(source: Brdf, k: int, rng: np.random.Generator) -> tuple[Angles, Angles]:
-    """Directions with theta_i in range k of `EDGES`: viewers uniform over the hemisphere, and as f_r cos(theta_o)."""
+def _held_out(source: Brdf, k: int, rng: np.random.Generator, held: int) -> tuple[Angles, Angles]:
+    """Directions with theta_i in range k of `EDGES`: viewers uniform over the hemisphere, `held` in each part of the
+    range and at each knot of the source in it, where an error has its peaks; and as f_r cos(theta_o)."""
+    inner = np.linspace(EDGES[k], EDGES[k + 1], _RANGE_PARTS + 1)
+    knots = np.asarray(getattr(source, "incidence_knots", ()), np.float64)
+    knots = np.clip(knots[(knots >= inner[0] - _NEAR_BY) & (knots <= inner[-1] + _NEAR_BY)], inner[0], inner[-1])
+    low, high = (np.repeat(np.concatenate([x, knots]), held) for x in (inner[:-1], inner[1:]))
+    n = low.size
+    flat = low + rng.random(n) * (high - low), np.arccos(rng.random(n)), rng.uniform(-np.pi, np.pi, n)
     theta_i = EDGES[k] + rng.random(_POOL) * (EDGES[k + 1] - EDGES[k])
     cosine, turn = rng.random(_POOL), rng.uniform(-np.pi, np.pi, _POOL)
     theta_o, delta_phi = np.arccos(cosine), turn
@@ -100,10 +118,9 @@ def _held_out(source: Brdf, k: int, rng: np.random.Generator) -> tuple[Angles, A
         distance = np.clip(2 * np.arcsin(np.sqrt(np.minimum(chord, 1))), _NEAR, None)
         lobe = 1 / (2 * np.pi * np.sin(np.minimum(distance, _FAR)) * distance * np.log(_FAR / _NEAR))
         density += np.where(distance < _FAR, lobe, 0.0)
-    flat = (theta_i[:_HELD], np.arccos(rng.random(_HELD)), turn[:_HELD])
     energy = np.abs(source.evaluate(theta_i, theta_o, delta_phi)).sum(axis=1) * np.cos(theta_o) / density
     energy = np.where(np.isfinite(energy) & ((kind == 0) | about), energy, 0.0)
     if not energy.sum() > 0:
         return flat, flat
-    pick = rng.choice(_POOL, _HELD, p=energy / energy.sum())
+    pick = rng.choice(_POOL, held, p=energy / energy.sum())
     return flat, (theta_i[pick], theta_o[pick], delta_phi[pick])

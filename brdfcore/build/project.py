@@ -33,7 +33,7 @@ _ROUGH = 0.1
 #: Degree for 1 % times the half-width at half maximum of the lobe, radians: GGX's 3.3/m, whose half-width is 1.28 m.
 _LOBE = 4.2
 #: Fewest and most directions that an expansion's own error is measured on; that many times its bytes take some seconds.
-_MEASURED_ON, _AFFORDABLE = (20_000, 200_000), 3e11
+_MEASURED_ON, _AFFORDABLE = (2_000, 200_000), 6e10
 #: Directions on which a table is held against the target's norm.
 _DIRECTIONS = 50_000
 

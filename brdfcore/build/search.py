@@ -10,27 +10,33 @@ from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError
 from brdfcore.build.costs import AS_FAST, nanoseconds
 from brdfcore.build.judge import Judge
+from brdfcore.metrics import albedo_excess
+from brdfcore.metrics.incidence import GRAZING_FACTOR
 from brdfcore.tables.base.table import BuildOptions, Progress, Table
 
 #: Steps of a ladder are left out where the error says that they won't do (`Table.STEP`), but for no more than so many
 #: times the bytes at once.
 _MOST_STEP = 4.0
+#: Tables whose albedo passes 1 towards the horizon before no larger one is tried for it.
+_MORE = 4
 
 
 @dataclass
 class Tried:
-    """One candidate: what a look-up costs by the stored table, and what the tolerance bounds."""
+    """One candidate: what a look-up costs by the stored table, what the tolerance bounds, and whether its albedo passes
+    1 by more than `GRAZING_FACTOR` times the tolerance although the source conserves energy."""
 
     table: Table
     ns: float
     error: float
+    bright: bool = False
 
 
 @dataclass
 class Search:
     """The candidates of `source`, tried one after the other.
 
-    met    those within the tolerance; `best` the least wrong of all.
+    met    those within the tolerance; `best` the least wrong of all. `bright` ones count if there are no others.
     most   bytes that no table may pass: `max_bytes`, and the arrays of a source that is a table itself and a candidate.
     """
 
@@ -41,6 +47,7 @@ class Search:
     max_bytes: int | None
     progress: Progress | None
     met: list[Tried] = field(default_factory=list)
+    bright: list[Tried] = field(default_factory=list)
     best: Tried | None = None
     smallest: int | None = None
 
@@ -54,6 +61,7 @@ class Search:
                 self._climb(cls, list(cls.candidates(self.source, self.options, None)))
                 if self.max_bytes is not None and not any(isinstance(t.table, cls) for t in self.met):
                     self._each(cls, cls.candidates(self.source, self.options, self.max_bytes))
+        self.met = self.met or self.bright
         if self.met:
             return chosen(self.met).table
         if self.best is None:
@@ -84,7 +92,9 @@ class Search:
             if found is None:
                 return
             if found.error <= self.tolerance:
-                return
+                if not found.bright or len(self.bright) > _MORE:
+                    return
+                continue
             excess, nbytes = found.error / self.tolerance, found.table.nbytes
             largest = max((s.nbytes for s in steps[k + 1 :] if self._worth(cls, s)), default=0)
             if excess > cls.largest_gain(step.interpolation, max(largest / nbytes, 1.0)):
@@ -122,7 +132,8 @@ class Search:
         if self.best is None or (found.error, table.nbytes) < (self.best.error, self.best.table.nbytes):
             self.best = found
         if self.tolerance is not None and found.error <= self.tolerance:
-            self.met.append(found)
+            found.bright = albedo_excess(self.source, table) > GRAZING_FACTOR * self.tolerance
+            (self.bright if found.bright else self.met).append(found)
         return found
 
 

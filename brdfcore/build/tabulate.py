@@ -62,7 +62,9 @@ def tabulate(
         Error to reach, as `measure` says, and that of the delta part's reflectance where there is one. Of all tables
         that meet it the one of the fewest bytes is taken, among those that take at most 1.25 times the time of the
         fastest (by a table of times measured once, `build.costs`). Default 0.01 when neither max_bytes nor shape is
-        given. If none meets it, the best is returned with a `ToleranceWarning`.
+        given. If none meets it, the best is returned with a `ToleranceWarning`. Where the source conserves energy,
+        tables whose albedo passes 1 by more than four times the tolerance, up to 90 degrees, are taken only if no
+        other meets it; `error["albedo_excess"]` says by how much.
     max_bytes : int, optional
         Limit on `nbytes`; the smallest error within it.
     shape : sequence of int, optional

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 import warnings
@@ -114,7 +115,8 @@ def plan(
     share = words.percent(made.nbytes / made.naive_bytes)
     line(f"a MERL table each: {count} x {bytes_text(MERL_BYTES)}; this is {share} of it")
     if build is not None:
-        worst = max((c.verified["l1"] or 0.0) / c.tolerance for c in made.choices if c.verified)
+        off = [(c.verified["error"], c.tolerance) for c in made.choices if c.verified]
+        worst = max(math.inf if error is None else error / tolerance for error, tolerance in off)
         line(f"{build}: written and measured again on other directions; the worst error is {worst:.2f} x its tolerance")
     for text in made.problems:
         warn(text)
@@ -132,9 +134,10 @@ SCENE.json lists materials, how each is seen, and a budget:
      {"name": "car", "file": "paint.bsdf", "light": [0, 80], "view": [10, 60],
       "lighting": "environment", "channels": ["G"], "error": 0.02}]}
 
-error is L1 of each material (default 0.01), bytes that of all tables together, ns the longest time of a look-up on one
-core; light and view are ranges of theta_i and theta_o in degrees ("angles": "rad" switches); lighting is "lamps" or
-"environment"; channels are names or wavelengths. What is left out is not restricted. Files are sought beside the scene.
+error is that of each material under light from any one angle (default 0.01), bytes that of all tables together, ns the
+longest time of a look-up on one core; light and view are ranges of theta_i and theta_o in degrees ("angles": "rad"
+switches); lighting is "lamps" or "environment"; channels are names or wavelengths. What is left out is not restricted.
+Files are sought beside the scene.
 Equal materials share one table; only the channels needed are stored; errors are measured over the angles seen; a
 formula is kept where it is quick. --build writes NAME.h5, NAME.json and plan.manifest, which `brdf serve --data DIR`
 serves, and measures each file on directions that nothing was chosen by.

@@ -295,7 +295,7 @@ class RemoteBrdf(Sync, Described, Brdf):
         return True
 
     def _evaluate_vectors(self, wi: npt.NDArray[np.float64], wo: npt.NDArray[np.float64], out: FloatArray) -> None:
-        # what a sum or a multiple asks, of unit vectors in float64 whatever the type of the values: a table looks up
+        # what a sum or a multiple asks, of vectors in float64 whatever the type of the values: a table looks up
         # their angles in that type, a formula takes the vectors and rounds at its end
         if self.facts.get("kind") != "model":
             super()._evaluate_vectors(wi, wo, out)

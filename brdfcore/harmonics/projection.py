@@ -18,6 +18,8 @@ Float64Array = npt.NDArray[np.float64]
 
 #: Coefficients of all channels at which a projection is refused, bytes as float64.
 MAX_BYTES = 2_000_000_000
+#: Evaluations of the material on the first rule at which it is refused: minutes.
+MAX_EVALUATIONS = 1_000_000_000
 #: Quadrature is refined while its error is above this part of the truncation error (in quadrature: 0.1 % of it), ...
 _QUADRATURE_SHARE = 0.05
 #: and while the two rules' truncation errors differ by more than this part, ...
@@ -81,6 +83,15 @@ def projected(
             limit=MAX_BYTES,
         )
     rule = rule_for(b, lmax)
+    if rule.evaluations > MAX_EVALUATIONS:
+        raise LimitError(
+            "too_much_work",
+            f"lmax = {lmax} takes some {rule.evaluations:.1g} evaluations of the material and more than {size} bytes; "
+            f"the limit is {MAX_EVALUATIONS:.0e} evaluations: a table holds a lobe this sharp in less",
+            where="lmax",
+            got=rule.evaluations,
+            limit=MAX_EVALUATIONS,
+        )
     while True:
         fine, coarse = moments(b, target, rule, progress), moments(b, target, rule.coarser(), None)
         if bilateral and not b.bilateral:

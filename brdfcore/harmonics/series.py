@@ -52,6 +52,7 @@ class Series(Table):
     """
 
     _checks_domain = True
+    _smooth_elsewhere = True  # waves of no more than `lmax` turns
 
     def __init__(
         self,

@@ -6,7 +6,7 @@ puts the measures of `estimators` together; `symmetry` holds the defects and fla
 
 from __future__ import annotations
 
-from brdfcore.metrics.comparison import WHOLE, Comparison, Range, albedo_bias, compare
+from brdfcore.metrics.comparison import WHOLE, Comparison, Range, albedo_bias, albedo_excess, compare
 from brdfcore.metrics.symmetry import (
     ALBEDO_SLACK,
     BIAS_ANGLES,
@@ -24,6 +24,7 @@ __all__ = [
     "Comparison",
     "Range",
     "albedo_bias",
+    "albedo_excess",
     "bilateral_defect",
     "compare",
     "measured_flags",

@@ -26,13 +26,15 @@ from brdfcore.metrics.estimators import (
 )
 from brdfcore.metrics.incidence import Incidences, floored
 from brdfcore.metrics.lobes import Drawn, Lobes
-from brdfcore.metrics.symmetry import BIAS_ANGLES, symmetry_defects
+from brdfcore.metrics.symmetry import BIAS_ANGLES, PAIRS, symmetry_defects
 
 Float64Array = npt.NDArray[np.float64]
 
 #: Values evaluated at a time by `compare`: memory stays below 300 MB with 195 channels, and one channel on the
 #: default number of directions is one piece.
 _CHUNK = 1 << 19
+#: Beside BIAS_ANGLES, degrees: up to the horizon a table of what conserves energy may reflect more than all light.
+_HORIZON = (89.99, 90.0)
 #: Angles at which the delta parts are compared, beside BIAS_ANGLES: none of them a node of a table.
 _DELTA_ANGLES = 4_096
 Range = tuple[float, float]
@@ -66,6 +68,9 @@ class Comparison:
     albedo_bias
         {"theta_i": radians, "bias": (albedo' - albedo)/albedo, the worst channel's, "error": what the quadrature may be
         off}, deltas left out; nan where the reference reflects nothing.
+    albedo_excess
+        where the reference conserves energy, by how much the candidate's albedo passes 1 at most, at 89.99 and 90
+        degrees too; else 0.
     log_ratio, log_ratio_interval
         p50, p95, p99, p999, max of |ln((f'+d)/(f+d))|, d = 1e-6 x mean albedo / pi, over all draws with f' >= 0 and
         f >= 0; 95 % intervals [low, high] of all but the largest. The albedo is estimated from the first 2^19 values.
@@ -79,6 +84,10 @@ class Comparison:
         largest |delta_reflectance' - delta_reflectance| over theta_i, at 4,096 seeded angles and the bias's.
     skipped
         sentences: which measures have no meaning here, and why.
+    lobes_from
+        rad: a lobe away from the mirror direction and the light that is narrower than this, and without tails, may have
+        been missed, in which case nothing here counts it; 0 where reference and candidate leave no room for one. Lobes
+        at the mirror direction and the light are found from 1e-8 rad.
     directions, seed
         the set measured on.
     nbytes, ns, flip
@@ -107,6 +116,8 @@ class Comparison:
     between: list[dict[str, Any]] = field(default_factory=list)
     symmetry: dict[str, dict[str, float]] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
+    lobes_from: float = 0.0
+    albedo_excess: float = 0.0
     nbytes: int | None = None
     ns: dict[str, Any] | None = None
     flip: dict[str, Any] | None = None
@@ -195,7 +206,8 @@ def compare(
     both = Lobes([reference, candidate], seed)
     l1, l2, energy = _misplaced(reference, candidate, energy_draws(both, directions, seed, light, view))
     if incidences is None:
-        incidences = Incidences(reference, common, both, light=light, view=view, seed=seed)
+        draws = max(directions // 4, 200)
+        incidences = Incidences(reference, common, both, light=light, view=view, seed=seed, draws=draws)
     bias = albedo_bias(reference, candidate)
     rows = incidences.rows(candidate)
     missed = floored(rows, bias) if (light, view) == (WHOLE, WHOLE) else 0.0
@@ -211,15 +223,20 @@ def compare(
         rms_cube_root=cubes_rms.value,
         rms_cube_root_stderr=cubes_rms.stderr,
         albedo_bias=bias,
+        albedo_excess=albedo_excess(reference, candidate),
         log_ratio=log_ratio,
         log_ratio_interval=interval,
-        symmetry={"reference": symmetry_defects(reference), "candidate": symmetry_defects(candidate)},
+        symmetry={
+            name: symmetry_defects(b, pairs=min(PAIRS, max(directions // 4, 200)))
+            for name, b in (("reference", reference), ("candidate", candidate))
+        },
         negatives=negatives,
         nan=nan,
         values=values,
         delta=delta_difference(reference, candidate),
         regular=energy != 0,  # nan, where the reference is not finite, is not nothing
         skipped=_skipped(l1.value, energy, missed, bias, without_log, values - ratio_count, values),
+        lobes_from=both.found_from,
         directions=directions,
         seed=seed,
     )
@@ -314,6 +331,15 @@ def albedo_bias(reference: Brdf, candidate: Brdf) -> dict[str, list[float]]:
     worst = np.where(np.isnan(bias), -1.0, np.abs(bias)).argmax(axis=1)
     row = np.arange(theta.size)
     return {"theta_i": theta.tolist(), "bias": bias[row, worst].tolist(), "error": error[row, worst].tolist()}
+
+
+def albedo_excess(reference: Brdf, candidate: Brdf) -> float:
+    """See `Comparison.albedo_excess`."""
+    if not reference.energy_conserving:
+        return 0.0
+    theta = np.radians([*BIAS_ANGLES, *_HORIZON])
+    tolerance = ALBEDO_TOLERANCE if candidate._analytic else DATA_ALBEDO_TOLERANCE
+    return max(float(candidate.albedo_error(theta, tolerance=tolerance)[0].max()) - 1, 0.0)
 
 
 def _regular_albedo(b: Brdf, theta: Float64Array) -> tuple[FloatArray, FloatArray]:

@@ -56,7 +56,15 @@ class Incidences:
     """
 
     def __init__(
-        self, reference: Brdf, channels: Channels, lobes: Lobes, *, light: Range, view: Range, seed: int
+        self,
+        reference: Brdf,
+        channels: Channels,
+        lobes: Lobes,
+        *,
+        light: Range,
+        view: Range,
+        seed: int,
+        draws: int = _DRAWS,
     ) -> None:
         self._rows: list[_Row] = []
         stated = _within(light)
@@ -65,6 +73,7 @@ class Incidences:
         between = [t for t in map(math.radians, BETWEEN) if low < t < high]
         angles = stated + (between or ([0.5 * (low + high)] if low < high else []))
         share = _MOST_VALUES / (len(angles) * len(channels) * max(_DRAWS, _POLE_DRAWS * AZIMUTHS))
+        share = min(share, draws / _DRAWS)
         for k, theta in enumerate(angles):
             pole = math.degrees(theta) < POLE - 1e-9
             n = max(int(min(share, 1.0) * (_POLE_DRAWS if pole else _DRAWS)), 50)

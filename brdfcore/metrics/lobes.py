@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -20,7 +21,7 @@ import numpy.typing as npt
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.conventions import HALF_PI
 from brdfcore.base.geometry import outgoing_from_half, pair_from_angles
-from brdfcore.base.peaks import MOST, peaks
+from brdfcore.base.peaks import FOUND_FROM, MOST, peaks, smooth_elsewhere
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -53,7 +54,10 @@ class Lobes:
     """Where `brdfs` have their energy, and draws from it."""
 
     def __init__(self, brdfs: Sequence[Brdf], seed: int) -> None:
-        self._brdfs = list(brdfs)
+        # an expansion in waves has what it was made of, only wider, and its look-ups are slow: the first BRDF leads
+        self._brdfs = [b for k, b in enumerate(brdfs) if k == 0 or not b._smooth_elsewhere]
+        self._smooth = [b for b in self._brdfs if smooth_elsewhere(b)]
+        self._rough = [b for b in self._brdfs if not smooth_elsewhere(b)]
         self._bilateral = all(b.bilateral for b in brdfs)
         self._nodes = np.radians(_SEARCHED)
         self._tracks = self._followed([self._peaks(t) for t in self._nodes])
@@ -67,15 +71,22 @@ class Lobes:
 
     # ---- peaks --------------------------------------------------------------------------------
 
+    @property
+    def found_from(self) -> float:
+        """rad; a lobe away from mirror direction and light that is narrower, and without tails, may have been missed;
+        0 where what the BRDFs are leaves no room for one."""
+        return FOUND_FROM if self._rough else 0.0
+
     def _total(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
         """Sum over the BRDFs of |f|, channels added."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(
-                sum(np.abs(b.evaluate(theta_i, theta_o, delta_phi)).sum(axis=1) for b in self._brdfs), np.float64
-            )
+        return _sum_of(self._brdfs, theta_i, theta_o, delta_phi)
 
     def _peaks(self, theta_i: float) -> Float64Array:
-        return peaks(self._total, theta_i, bilateral=self._bilateral)
+        rough, smooth = (partial(_sum_of, some) if some else None for some in (self._rough, self._smooth))
+        if rough is None:
+            assert smooth is not None
+            return peaks(smooth, theta_i, bilateral=self._bilateral, finer=1)
+        return peaks(rough, theta_i, bilateral=self._bilateral, smooth=smooth)
 
     def _followed(self, found: Sequence[Float64Array]) -> Float64Array:
         """(intervals, slots, 2, 3): unit vectors of each peak at both ends of an interval of theta_i."""
@@ -164,8 +175,8 @@ class Lobes:
         for c, at in ((2, np.pi), (3, 0.0)):
             of = centre == c
             theta_o[of], delta_phi[of] = _about(theta_i[of], r[of], turn[of], at)
-        if self._extra:
-            at_peak = self._centres(theta_i)
+        at_peak = self._centres(theta_i) if self._extra else None
+        if at_peak is not None:
             for s in range(self._extra):
                 of = centre == 4 + s
                 v = at_peak[of, s]
@@ -173,7 +184,7 @@ class Lobes:
                 theta_o[of], delta_phi[of] = _about(polar, r[of], turn[of], azimuth)
         below = ~(theta_o < HALF_PI)
         theta_o = np.where(below, 0.0, theta_o)
-        weight = np.where(below, 0.0, np.cos(theta_o) / self.density(theta_i, theta_o, delta_phi))
+        weight = np.where(below, 0.0, np.cos(theta_o) / self._components(theta_i, theta_o, delta_phi, at_peak)[1])
         return Drawn(theta_i, theta_o, delta_phi, weight, centre)
 
     def density(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> Float64Array:
@@ -181,7 +192,7 @@ class Lobes:
         return self._components(theta_i, theta_o, delta_phi)[1]
 
     def _components(
-        self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array
+        self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array, at_peak: Float64Array | None = None
     ) -> tuple[list[tuple[npt.NDArray[np.intp], Float64Array]], Float64Array]:
         """[(component, its share times its density)] of the one ring of each centre that a direction is in; the sum.
 
@@ -194,7 +205,7 @@ class Lobes:
         sin2 = [np.clip(0.5 * pair.one_minus_rv, 0, 1), pair.sin2_d]
         if self._extra:
             wo = _vectors(theta_o, delta_phi)
-            apart = wo[:, None] - self._centres(theta_i)
+            apart = wo[:, None] - (self._centres(theta_i) if at_peak is None else at_peak)
             sin2 += list(0.25 * (apart**2).sum(axis=-1).T)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             rings = [(pair.tan2_h, even * (1 + pair.tan2_h) ** 1.5 / pair.tan2_h / (4 * pair.cos_d))]
@@ -210,6 +221,14 @@ class Lobes:
             component = 1 + k * _RINGS + np.where(inside, ring, 0).astype(np.intp)
             found.append((component, np.where(inside, self._shares[band, component] * jacobian, 0.0)))
         return found, np.sum([part for _, part in found], axis=0)
+
+
+def _sum_of(
+    brdfs: Sequence[Brdf], theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array
+) -> Float64Array:
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = sum(np.abs(b.evaluate(theta_i, theta_o, delta_phi)).sum(axis=1) for b in brdfs)
+    return np.asarray(total, np.float64)
 
 
 def _vectors(theta: Float64Array, phi: Float64Array) -> Float64Array:

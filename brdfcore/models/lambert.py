@@ -22,6 +22,7 @@ class Lambert(Model):
     """
 
     name: ClassVar[str] = "lambert"
+    _smooth_elsewhere = True
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
         Parameter("reflectance", "rho", "directional-hemispherical reflectance", 0.5, bounds=(0.0, 1.0)),
     )

@@ -34,6 +34,7 @@ class Mirror(Model):
     """
 
     name: ClassVar[str] = "mirror"
+    _smooth_elsewhere = True
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
         Parameter("reflectance", "rho", "reflectance at every angle; give it or ior", None, bounds=(0.0, 1.0)),
         IOR,

@@ -29,7 +29,7 @@ class Item:
 
     shown       what pictures compare with the reference: what was chosen; the best table where that is the formula.
     table_path  where the table was written; None: not asked for, or none is right enough.
-    verified    L1 of that table, read again, on other directions: {l1, l1_stderr, delta, directions, seed}.
+    verified    of that table, read again, on other directions: `build.judge.verified`.
     """
 
     subject: Subject

@@ -19,9 +19,9 @@ def markdown(items: Sequence[Item], command: str) -> str:
         found = item.found
         lines = [f"### {_cell(found.material)}", "", f"**{_cell(words.advice(found))}**", ""]
         lines += [f"- {_cell(text)}" for text in words.alternatives(found)]
-        if item.verified is not None and item.verified["l1"] is not None:
-            again = words.percent(item.verified["l1"])
-            lines.append(f"- The table, read again and measured on other directions: {again}.")
+        if item.verified is not None and item.verified["error"] is not None:
+            again = words.percent(item.verified["error"])
+            lines.append(f"- The table, read again and measured on other directions: {again} at the worst incidence.")
         if item.look.mean is not None:
             name = _cell(item.shown_name)
             lines.append(f"- Lit sphere, {name} against the reference: mean FLIP {item.look.mean:.2g}.")
@@ -34,7 +34,7 @@ def markdown(items: Sequence[Item], command: str) -> str:
 
 def summary(items: Sequence[Item]) -> list[str]:
     """Lines of one table for all materials: what to use, and beside it the best table and the usual practice."""
-    head = ("material", "use", "error (L1)", "bytes", "ns a look-up", "best table", "usual practice")
+    head = ("material", "use", "worst incidence", "bytes", "ns a look-up", "best table", "usual practice")
     lines = ["| " + " | ".join(head) + " |", "|---|---|---:|---:|---:|---|---|"]
     for item in items:
         found, chosen = item.found, item.found.chosen

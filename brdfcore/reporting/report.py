@@ -13,6 +13,7 @@ from brdfcore.analysis.pareto.timing import versions
 from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import Brdf
 from brdfcore.base.errors import InputError, StorageError
+from brdfcore.build.judge import verified
 from brdfcore.metrics import compare
 from brdfcore.reporting.appearance import appearance
 from brdfcore.reporting.error_map import error_map
@@ -148,7 +149,7 @@ def _written(table: Table, found: Pareto, folder: Path, label: str) -> tuple[Pat
     path = folder / f"{file_name(label)}.h5"
     table.save(path)
     again = compare(found.source, open_table(path), seed=FRESH_SEED).to_json()
-    return path, {key: again[key] for key in ("l1", "l1_stderr", "delta", "directions", "seed")}
+    return path, verified(again)
 
 
 def file_name(label: str) -> str:

@@ -1,12 +1,14 @@
 """Whether the stated error is the error that is met: narrow lobes, measured files, lobes drawn by seed.
 
-python -m tests.benchmarks.error [--only spikes files lobes] [--seed 1] [--tolerance .01] [--draws 30]
+python -m tests.benchmarks.error [--only spikes files lobes intervals left-out status] [--seed 1] [--tolerance .01]
 
 spikes  what `compare` states for a table that lacks a lobe, against the closed form: widths from 1e-7 to .02, at the
         mirror direction, at the light, at both, on Lambertians of .3 and .5; several seeds.
 files   tables of the measured files at a tolerance: bytes, processor time, and on fresh draws the worst L1 at one
         incidence, the albedo's ratio and L1 towards the normal, and what is left at 88 and 89 degrees.
 lobes   the same for lobes drawn by seed: models of all kinds, widths 1e-4 to .6, alone, two at once, on a Lambertian.
+intervals, left-out, status  what 95 % intervals hold, how wide they are and what they cost, on tables and on
+        measurements of which a fifth was left out; and whether what is called measured is: `benchmarks.uncertainty`.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ import numpy as np
 
 import brdfcore as bc
 from brdfcore.metrics.incidence import worst
-from tests.shared import RGL
+from tests.benchmarks import uncertainty
+from tests.shared import REFERENCE, RGL, rgl_names
 from tests.support.lobes import LAST, Lobes
 
 WIDTHS = (1e-7, 1e-6, 1e-5, 3e-4, 0.01, 0.02)
@@ -164,7 +167,7 @@ def lobes(seed: int, count: int, tolerance: float) -> None:
 
 
 def main() -> None:
-    parts = ("spikes", "files", "lobes")
+    parts = ("spikes", "files", "lobes", "intervals", "left-out", "status")
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", choices=parts, default=list(parts))
     parser.add_argument("--seed", type=int, default=1)
@@ -177,6 +180,13 @@ def main() -> None:
         files(options.tolerance)
     if "lobes" in options.only:
         lobes(options.seed, options.draws, options.tolerance)
+    present = REFERENCE.exists()
+    if "intervals" in options.only:
+        uncertainty.tables(options.tolerance, 6, rgl_names() if present else [])
+    if "left-out" in options.only and present:
+        uncertainty.left_out(2)
+    if "status" in options.only and present:
+        uncertainty.status()
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from brdfcore.analysis.pareto.timing import MARGIN, REPEATS, Timing, label
 from brdfcore.base.brdf import Brdf
 from brdfcore.build.costs import AS_FAST, nanoseconds
 from brdfcore.metrics import Comparison
-from brdfcore.metrics.incidence import known, worst
+from brdfcore.metrics.incidence import GRAZING_FACTOR, known, worst
 from brdfcore.tables.base.table import Table
 
 _HEADLINE = label(1_000_000, 1)
@@ -166,6 +166,8 @@ def choose(
     fitting = [e for e in entries if e.nbytes <= (room or math.inf)]
     right = [] if smallest_error else [e for e in fitting if e.meets(tolerance)]
     if right:
+        # as `build.search`: what passes 1 towards the horizon only if there is nothing else
+        right = [e for e in right if e.comparison.albedo_excess <= GRAZING_FACTOR * tolerance] or right
         tables = [e for e in right if e.kind == "table"]
         least = min((e.cost for e in tables), default=math.inf)
         measured = min((e.ns.best for e in tables), default=math.inf)

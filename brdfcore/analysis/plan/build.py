@@ -11,6 +11,7 @@ from brdfcore.analysis.plan.plan import Choice, Plan
 from brdfcore.base.atomic import write_file
 from brdfcore.base.brdf import Scaled, Sum
 from brdfcore.base.errors import InputError, StorageError
+from brdfcore.build.judge import verified
 from brdfcore.formats.io.files import read, write
 from brdfcore.metrics import compare
 from brdfcore.tables.base.seen import Seen
@@ -68,4 +69,4 @@ def _write(choice: Choice, folder: Path) -> None:
         reference, again, directions=choice.directions, seed=FRESH_SEED, light=choice.light, view=choice.view
     ).to_json()
     choice.path = path
-    choice.verified = {key: found[key] for key in ("l1", "l1_stderr", "delta", "directions", "seed")}
+    choice.verified = verified(found)

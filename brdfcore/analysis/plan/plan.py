@@ -35,7 +35,7 @@ class Choice:
     """What one material gets. `names` are the scene's materials that it serves: they are equal.
 
     alternatives  what else was right enough, and of each representation that was not, the closest: with a reason.
-    verified      error of the built file on other directions, once built.
+    verified      error of the built file on other directions, once built: `build.judge.verified`.
     """
 
     names: list[str]

@@ -129,7 +129,7 @@ class Model(Brdf):
         values = np.empty(out[start:stop].shape)
         self._evaluate(*angles_from_vectors(i, o), values)
         # towards the horizon an angle has not the digits of the vector's z
-        low = np.minimum(i[:, 2], o[:, 2]) < _LOW_COS
+        low = (i[:, 2] < _LOW_COS * np.linalg.norm(i, axis=1)) | (o[:, 2] < _LOW_COS * np.linalg.norm(o, axis=1))
         if low.any():
             values[low] = self._value(pair_from_vectors(i[low], o[low]))
         self._store(values, out[start:stop])

@@ -3,6 +3,9 @@ mirror direction or to the light, whichever is nearer.
 
 A lobe is narrow around one of these two, an error grows towards either horizon, and a table cut at an angle differs on
 both sides of it. Distances are in octaves, or parts of them, so that a lobe of any width is resolved.
+
+A table whose own coordinates are the half vector's (`vndf_warp`) is off where they are: `half_cells`, by theta_i,
+theta_h and its azimuth.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.base.conventions import HALF_PI
+from brdfcore.base.geometry import horizon_theta_h, outgoing_from_half
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -32,11 +36,25 @@ _LEVELS: tuple[tuple[tuple[float, ...], tuple[float, ...], int, int], ...] = (
     ((20, 52, 74, 85), (28, 59, 80.5), 10, -1),
     ((3, 20, 44, 65, 77.5, 83, 86.5, 88.5, 89.7), (20, 44, 65, 77.5, 83, 86.5, 88.5, 89.5), 16, -1),
     ((3, 13, 28, 44, 59, 70, 77.5, 83, 86.5, 88.5, 89.7), (20, 44, 65, 77.5, 83, 86.5, 88.5, 89.5), 16, 0),
+    (
+        (1, 5, 13, 24, 36, 48, 59, 67, 74, 79, 83, 86.5, 88.5, 89.7),
+        (20, 44, 59, 70, 77.5, 83, 86.5, 88.5, 89.5),
+        16,
+        0,
+    ),
     (_INNER_I, _INNER_O, 16, 0),
     (_INNER_I, _INNER_O, 20, 1),
 )
-LEVELS = len(_LEVELS)
+#: Inner edges of theta_i, degrees, of cells by half vector, and how many of theta_h the levels after those have.
+_HALF_I, _HALF_H = (15, 30, 45, 60, 74, 84), (32, 64, 128, 256, 512)
+#: Levels by distance, and of all.
+BY_DISTANCE = len(_LEVELS)
+LEVELS = BY_DISTANCE + len(_HALF_H)
+#: Quarters of half a turn of the half vector's azimuth from wi.
+_EIGHTHS = 4
 _FRACTION_BITS = 23
+#: Draws of a half vector for a direction above the horizon.
+_TRIES = 8
 #: Octaves of the squared distance that the nearest cell is drawn from, below its own.
 _NEAREST = 8
 
@@ -66,6 +84,13 @@ class Cells:
     def count(self) -> int:
         return int(self.bases[-1])
 
+    @property
+    def kernels(self) -> Any:
+        """The module whose kernels find these cells."""
+        from brdfcore.kernels.tables import local_error
+
+        return local_error
+
     @cached_property
     def found_by(self) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32], Any]:
         """What `kernels.tables.local_error` finds a cell by."""
@@ -76,10 +101,8 @@ class Cells:
 
     def numbers(self, theta_i: Float64Array, theta_o: Float64Array, delta_phi: Float64Array) -> npt.NDArray[np.int32]:
         """The cell of each pair of directions, (n,); |delta_phi| <= 3 pi."""
-        from brdfcore.kernels.tables.local_error import numbers
-
         out = np.empty(theta_i.size, np.int32)
-        numbers(theta_i.size, theta_i, theta_o, delta_phi, out, *self.found_by)
+        self.kernels.numbers(theta_i.size, theta_i, theta_o, delta_phi, out, *self.found_by)
         return out
 
     def draw(self, each: int, rng: np.random.Generator) -> tuple[Float64Array, Float64Array, Float64Array]:
@@ -102,6 +125,44 @@ class Cells:
         y = 2 * np.arcsin(0.5 * np.sqrt(np.clip((square - apart) / across, 0, 2)))
         turn = np.where(side == 1, np.pi - y, y)
         return theta_i, theta_o, turn * rng.choice([-1.0, 1.0], turn.size)
+
+
+@dataclass(frozen=True, eq=False)
+class HalfCells(Cells):
+    """Cells by half vector: number (theta_i, theta_h, azimuth), theta_h in equal steps of sqrt(tan(theta_h / 2)).
+
+    low, high are empty, place[:, 1] is the cell of theta_h and place[:, 2] the eighth of a turn.
+    """
+
+    @property
+    def kernels(self) -> Any:
+        from brdfcore.kernels.tables import local_error_half
+
+        return local_error_half
+
+    @cached_property
+    def found_by(self) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32], Any]:
+        from brdfcore.kernels.tables.local_error_half import HalfCells as Scale
+
+        rows = self.map_i.astype(np.int32) * np.int32(_EIGHTHS * self.shift)
+        scale = Scale(np.float32(self.shift), np.int32(self.shift - 1))
+        return rows, self.map_o.astype(np.int32), self.bases, scale
+
+    def draw(self, each: int, rng: np.random.Generator) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """As `Cells.draw`; where a half vector leads below the horizon, another, and at last the horizon's."""
+        i, h, eighth = (np.repeat(column, each) for column in self.place.T)
+        theta_i, theta_o, turn = (np.empty(i.size) for _ in range(3))
+        left = np.arange(i.size)
+        for k in range(_TRIES):
+            low, high = self.edges_i[i[left]], self.edges_i[i[left] + 1]
+            theta_i[left] = low + rng.random(left.size) * (high - low)
+            theta_h = 2 * np.arctan(((h[left] + rng.random(left.size)) / self.shift) ** 2)
+            phi_h = (eighth[left] + rng.random(left.size)) * (np.pi / _EIGHTHS)
+            if k == _TRIES - 1:
+                theta_h = np.minimum(theta_h, 0.999 * horizon_theta_h(theta_i[left], phi_h))
+            theta_o[left], turn[left], _ = outgoing_from_half(theta_i[left], theta_h, phi_h)
+            left = left[~(theta_o[left] < HALF_PI)]
+        return theta_i, np.minimum(theta_o, HALF_PI), turn * rng.choice([-1.0, 1.0], turn.size)
 
 
 def steps_of(edges: tuple[float, ...]) -> npt.NDArray[np.int64]:
@@ -128,7 +189,9 @@ def mean_by_incidence(level: int, by_incidence: Float64Array) -> Float64Array:
 
 @cache
 def cells(level: int) -> Cells:
-    """The cells of `level`, 0 (some hundred) to `LEVELS` - 1 (some thousand)."""
+    """The cells of `level`: by distance from 0 (some hundred) to some thousand; by half vector from `BY_DISTANCE`."""
+    if level >= BY_DISTANCE:
+        return _half_cells(_HALF_H[level - BY_DISTANCE])
     inner_i, inner_o, octaves, part = _LEVELS[level]
     edges_i, edges_o = (steps_of(e) / STEPS * HALF_PI for e in (inner_i, inner_o))
     shift = _FRACTION_BITS - part
@@ -150,3 +213,12 @@ def cells(level: int) -> Cells:
             count += 2 * (ends[1] - ends[0] + 1)
     tables = np.array([*bases, count], np.int32), np.array(low), np.array(high), np.array(place, np.int32)
     return Cells(map_of(inner_i), map_of(inner_o), edges_i, edges_o, tables[0], shift, first, *tables[1:])
+
+
+def _half_cells(count: int) -> HalfCells:
+    edges_i = steps_of(_HALF_I) / STEPS * HALF_PI
+    i, h, eighth = np.meshgrid(*(np.arange(n) for n in (len(edges_i) - 1, count, _EIGHTHS)), indexing="ij")
+    place = np.stack([i, h, eighth], axis=-1).reshape(-1, 3).astype(np.int32)
+    none, bases = np.zeros(0, np.int64), np.array([len(place)], np.int32)
+    whole = np.zeros(STEPS, np.uint8)
+    return HalfCells(map_of(_HALF_I), whole, edges_i, np.zeros(0), bases, count, 0, none, none, place)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import FileFormatError
-from brdfcore.tables.base.error_cells import INCIDENCES, LEVELS, Cells, cells, map_of, mean_by_incidence
+from brdfcore.tables.base.error_cells import BY_DISTANCE, INCIDENCES, LEVELS, Cells, cells, map_of, mean_by_incidence
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -25,8 +25,9 @@ Float64Array = npt.NDArray[np.float64]
 _ZERO_CODE, _PARTS = 200, 8
 #: Part of the errors that an interval holds; part of a table's bytes that intervals may take.
 LEVEL, SHARE = 0.95, 0.1
-#: Part of held-out errors that calibration aims at: one incidence differs from the mean of its range.
-HELD_LEVEL = 0.96
+#: Part of held-out errors that calibration aims at: in a range of theta_i, and in each part of it, as an error varies
+#: between a table's own nodes.
+HELD_LEVEL, PART_LEVEL = 0.957, 0.95
 #: |f_r| below which an error no longer falls with it, relative to the channel's median.
 _FLOOR = 1e-3
 #: Smallest factor of an incidence.
@@ -79,8 +80,7 @@ class LocalError:
     ) -> None:
         """From f_r in `values` (n, channels) to half-widths in `out`, another array; angles (n,) in the plain domain.
         All contiguous and of one dtype."""
-        from brdfcore.kernels.tables import local_error as kernels
-
+        kernels = self.cells.kernels
         kernel = {1: kernels.widths_one, 3: kernels.widths_three}.get(out.shape[1], kernels.widths_many)
         parts = self._shared[out.dtype]
         kernel(theta_i.size, theta_i, theta_o, delta_phi, values.reshape(-1), out.reshape(-1), *parts)
@@ -127,13 +127,15 @@ def decoded() -> Float64Array:
     return np.asarray(values, np.float64)
 
 
-def fitting(nbytes: int, channels: int) -> tuple[int, int]:
-    """(level of the cells, codes in each) of the most cells within `SHARE` of a table's bytes; at least level 0."""
+def fitting(nbytes: int, channels: int, *, by_half: bool = False) -> tuple[int, int]:
+    """(level of the cells, codes in each) of the most cells within `SHARE` of a table's bytes; at least the first level
+    by distance, or by half vector."""
     room = SHARE * nbytes - 4 * (len(INCIDENCES) + 1 + 2 * channels)
-    choices = [(level, wide) for level in range(LEVELS) for wide in sorted({1, channels})]
+    levels = range(BY_DISTANCE, LEVELS) if by_half else range(BY_DISTANCE)
+    choices = [(level, wide) for level in levels for wide in sorted({1, channels})]
     # codes of each channel before finer cells: channels differ more within a cell than neighbouring cells do
-    fits = [(wide > 1 and level > 2, level, wide) for level, wide in choices if cells(level).count * wide <= room]
-    _, level, wide = max(fits, default=(False, 0, 1))
+    fits = [(w > 1 and n > levels[2], n, w) for n, w in choices if cells(n).count * w <= room]
+    _, level, wide = max(fits, default=(False, levels[0], 1))
     return level, wide
 
 

@@ -101,6 +101,8 @@ class Table(Brdf):
     #: Bytes have to grow by at least the excess of an error over a tolerance to this power: steps of `candidates` that
     #: are nearer are left out. 0: each is tried.
     STEP: ClassVar[float] = 0.9
+    #: Whether its error goes by the half vector, not by the distance to the mirror direction: cells of `local_error`.
+    OFF_BY_HALF_VECTOR: ClassVar[bool] = False
     _fixed = True
 
     def __init__(self, channels: Channels, flags: Mapping[str, bool]) -> None:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from brdfcore.base.status import Status
 from brdfcore.tables.base.error_cells import EDGES, cells
-from brdfcore.tables.base.local_error import HELD_LEVEL, LocalError, calibrated, encoded, fitting, quantile
+from brdfcore.tables.base.local_error import LEVEL, LocalError, calibrated, encoded, fitting, quantile
 from brdfcore.tables.scattered.coverage import Coverage
 from brdfcore.tables.scattered.fit import ALL_AT_ONCE, Predictor, relative_errors
 from brdfcore.tables.scattered.residuals import LONGEST_REACH, Residuals
@@ -24,7 +24,7 @@ _PARTS, _SEED = 5, 20_261_202
 #: Geometries predicted where there are too many for five parts, and neighbours of each whose residuals are used.
 _MOST, _AROUND = 2_000, 16
 #: Neighbours whose mean error a half-width goes by, places in each cell, and geometries that calibrate an incidence.
-_NEIGHBOURS, _EACH, _CALIBRATE = 10, 3, 100
+_NEIGHBOURS, _EACH, _CALIBRATE = 10, 3, 160
 #: Level of the cells: finer ones than measurements lie are of no use.
 _FINEST = 3
 #: |f_r| below which an error no longer falls with it, relative to the median and to the mean.
@@ -148,7 +148,8 @@ def half_widths(
     used = np.concatenate([np.ones(len(at), np.bool_), np.repeat(~measured, _EACH)])
     cell, places = cell[used], np.concatenate([at, drawn])[used]
     near = known.neighbours(places, _NEIGHBOURS)[1]
-    spread = relative.mean(axis=1)[near].mean(axis=1)
+    # without the largest: beside a spike that no neighbour predicts, not everything is as wrong
+    spread = np.sort(relative.mean(axis=1)[near], axis=1)[:, :-1].mean(axis=1)
     typical = np.median(found.distance[near], axis=1)
     spread = spread * np.maximum(coverage.neighbours(places, 1)[0][:, 0] / np.maximum(typical, 1e-9), 1)
     spread = np.where(coverage.status(*places.T) == Status.FILLED, np.maximum(spread, 1), spread)
@@ -166,7 +167,7 @@ def half_widths(
     factor = []
     for middle in 0.5 * (EDGES[1:] + EDGES[:-1]):
         nearest = np.argsort(np.abs(at[row, 0] - middle), kind="stable")[:_CALIBRATE]
-        factor.append(quantile(ratio[nearest].reshape(1, -1, 1), HELD_LEVEL).item())
+        factor.append(quantile(ratio[nearest].reshape(1, -1, 1), LEVEL).item())
     own: Float64Array | None = None
     if instrument is not None:
         stated = instrument[found.rows] / (np.abs(predicted) + floors) / factors

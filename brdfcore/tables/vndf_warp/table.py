@@ -82,6 +82,7 @@ class VndfWarp(Table):
         ),
     )  # fmt: skip
     STEP = 0.0
+    OFF_BY_HALF_VECTOR = True
     _checks_domain = True
 
     def __init__(self, arrays: Mapping[str, npt.NDArray[Any]], channels: Channels, flags: Mapping[str, bool]) -> None:

@@ -68,12 +68,50 @@ def test_a_colour_as_the_library_integrates_it() -> None:
     assert bc.to_rgb(b).channels == ("R", "G", "B")
 
 
+def test_between_the_wavelengths_as_colour_science_recommends() -> None:
+    """CIE 167:2005: the library's own interpolation to 1 nm; straight lines are .3 Delta E*ab away."""
+    import colour
+
+    waves = np.array(BANDS)
+    b = spectrum((0.05 + 0.6 / (1 + np.exp((590 - waves) / 12))) / np.pi)
+    sd = colour.SpectralDistribution(
+        dict(zip(waves.tolist(), (b.evaluate(0.3, 0.4, 1.0) * np.pi).tolist(), strict=True))
+    )
+    sd = sd.interpolate(colour.SpectralShape(400, 700, 1)).extrapolate(colour.SpectralShape(360, 830, 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        xyz = colour.sd_to_XYZ(sd, illuminant=colour.SDS_ILLUMINANTS["D65"], method="Integration") / 100
+    found = {how: bc.to_rgb(b, space="XYZ", interpolation=how) for how in ("linear", "cie167")}
+    labs = {how: colour.XYZ_to_Lab(c.evaluate(0.3, 0.4, 1.0) * np.pi) for how, c in found.items()}
+    assert colour.delta_E(labs["cie167"], colour.XYZ_to_Lab(xyz), method="CIE 1976") < 1e-6
+    assert 0.1 < colour.delta_E(labs["linear"], colour.XYZ_to_Lab(xyz), method="CIE 1976") < 0.51
+    assert "Sprague" in found["cie167"].report["done"][-1]
+    testing.check_brdf(found["cie167"])
+
+
+def test_unequal_steps_have_a_cubic_spline() -> None:
+    """A parabola in the wavelength, which the spline holds and straight lines do not."""
+    waves = [400.0, 410.0, 425.0, 450.0, 480.0, 520.0, 555.0, 590.0, 620.0, 660.0, 700.0]
+    dense = [float(w) for w in range(400, 701)]
+
+    def parabola(channels: list[float]) -> bc.Brdf:
+        values = 0.2 + 0.5 * ((np.array(channels) - 400) / 300) ** 2
+        grey = bc.model("lambert", reflectance=1.0) + 0 * bc.model("mirror", ior="silver", wavelengths=channels)
+        return grey * values
+
+    want = bc.to_rgb(parabola(dense)).evaluate(0.3, 0.4, 1.0)
+    spline = bc.to_rgb(parabola(waves), interpolation="cie167")
+    assert "cubic spline" in spline.metadata["colour"]
+    assert spline.evaluate(0.3, 0.4, 1.0) == pytest.approx(want, rel=1e-9)
+    assert bc.to_rgb(parabola(waves)).evaluate(0.3, 0.4, 1.0) != pytest.approx(want, rel=1e-4)
+
+
 def test_it_is_a_brdf(white: bc.Brdf) -> None:
     b = bc.to_rgb(white)
     testing.check_brdf(b)
     testing.check_pickle(b)
     assert "illuminant D65" in b.report["done"][-1]
-    assert "beyond the wavelengths" in b.metadata["colour"]
+    assert "constant beyond them" in b.metadata["colour"]
     assert (b.status(0.3, 0.4, 1.0) == white.status(0.3, 0.4, 1.0)).all()
 
 
@@ -82,6 +120,8 @@ def test_what_is_refused(white: bc.Brdf) -> None:
         bc.to_rgb(bc.model("lambert"))
     with pytest.raises(bc.UnknownNameError, match="D65"):
         bc.to_rgb(white, "sun")
+    with pytest.raises(bc.InputError, match="'linear' or 'cie167'"):
+        bc.to_rgb(white, interpolation="sprague")
     with pytest.raises(bc.InputError, match="'sRGB' or 'XYZ'"):
         bc.to_rgb(white, space="Lab")
     lasers = bc.model("cook_torrance", ior="gold", wavelengths=[450.0, 532.0, 633.0])

@@ -74,6 +74,13 @@ def test_max_bytes_makes_the_worst_incidence_small() -> None:
     assert worst(large.error["by_theta_i"]) < worst(small.error["by_theta_i"]) < 0.1
 
 
+def test_albedo_towards_the_horizon_passes_1_by_what_is_stated() -> None:
+    """The smallest table of this gold that meets the tolerance up to 89 degrees reflects 1.49 of the light at 90."""
+    made = bc.tabulate(bc.model("cook_torrance", roughness=0.01, ior="gold"), tolerance=0.01)
+    theta = np.radians([85.0, 89.0, 89.9, 89.95, 89.99, 90.0])
+    assert made.albedo(theta).max() <= 1 + made.error["albedo_excess"] + 1e-3 <= 1.042
+
+
 def test_a_spike_that_a_table_lacks_is_not_met() -> None:
     """A lobe of 1e-5 at the light, half the energy: an angle grid can't hold it, and says so."""
     with pytest.warns(UserWarning, match="no table met tolerance 0.01"):

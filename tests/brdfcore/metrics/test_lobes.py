@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import brdfcore as bc
-from brdfcore.base.peaks import peaks
+from brdfcore.base.peaks import FOUND_FROM, peaks
 from brdfcore.metrics.estimators import honest_ratio
 from brdfcore.metrics.incidence import Incidences, worst
 from brdfcore.metrics.lobes import Lobes as Draws
@@ -53,7 +53,7 @@ def test_standard_errors_hold() -> None:
     assert np.abs(off).max() < 4.5
 
 
-@pytest.mark.parametrize("width", [0.01, 0.02, 0.05])
+@pytest.mark.parametrize("width", [0.007, 0.01, 0.02, 0.05])
 def test_a_lobe_away_from_mirror_direction_and_light(width: float) -> None:
     source = Lobes(("off",), width)
     found = bc.compare(source, Constant(0.3 / np.pi), directions=60_000)
@@ -61,9 +61,24 @@ def test_a_lobe_away_from_mirror_direction_and_light(width: float) -> None:
     assert found.l1_stderr <= 0.1 * found.l1
 
 
-@pytest.mark.parametrize(("places", "width"), [*product(PLACES, WIDTHS), *product([("off",)], WIDTHS[-2:])])
+@pytest.mark.parametrize("width", [FOUND_FROM, 0.005])
+def test_a_narrower_one_is_found_or_said_not_to_be_known(width: float) -> None:
+    source = Lobes(("off",), width)
+    found = bc.compare(source, Constant(0.3 / np.pi), directions=60_000)
+    assert found.lobes_from == FOUND_FROM
+    assert abs(found.l1 - source.lobe_share) <= 4 * found.l1_stderr
+    assert worst([*found.by_theta_i, *found.between], 0.01) > 0.3
+
+
+def test_what_leaves_no_room_for_one_says_so() -> None:
+    gold, white = bc.model("cook_torrance", ior="gold"), bc.model("lambert")
+    assert bc.compare(gold, white + 0.5 * gold, directions=2_000).lobes_from == 0
+    assert bc.compare(gold, Constant(0.1), directions=2_000).lobes_from > 0
+
+
+@pytest.mark.parametrize(("places", "width"), [*product(PLACES, WIDTHS), *product([("off",)], (0.0035, 0.01, 0.02))])
 def test_albedo_finds_the_same_lobes(places: tuple[str, ...], width: float) -> None:
-    """Away from mirror direction and light those that the scan's steps of 2 degrees can see."""
+    """Away from mirror direction and light those that the scan can see."""
     source = Lobes(places, width)
     theta = np.radians([0.7, 10.0, 30.0, 60.0, 75.0])
     albedo, error = source.albedo_error(theta, tolerance=1e-3)

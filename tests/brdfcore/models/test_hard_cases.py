@@ -15,9 +15,10 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from brdfcore.base import conventions, geometry
+from brdfcore.base import geometry
 from brdfcore.models.cook_torrance import CookTorrance
 from brdfcore.models.lambert import Lambert
+from brdfcore.models.ward import Ward
 from tests.support import oracle
 
 HALF_PI = float(np.pi / 2)
@@ -100,18 +101,30 @@ def test_angles_agree_with_mpmath() -> None:
 
 
 def test_vectors_agree_with_mpmath() -> None:
-    """On directions as `flatten_vectors` leaves them, through the public entry point and below it."""
-    counted = 0
-    for pair, chosen, model in sample(2000, seed=2):
-        wi, wo = vectors_of(pair)
-        checked = conventions.flatten_vectors(wi, wo)
-        want = oracle.cook_torrance(*oracle.from_vectors(checked.wi[0], checked.wo[0]), **chosen)
+    """Of any length, through the public entry point."""
+    counted, draw = 0, random.Random(2)
+    for k, (pair, chosen, model) in enumerate(sample(2000, seed=2)):
+        wi, wo = (v * (draw.uniform(0.3, 30) if k % 2 else 1) for v in vectors_of(pair))
+        want = oracle.cook_torrance(*oracle.from_vectors(wi, wo), **chosen)
         got = model.evaluate_vectors(wi, wo)[0]
         assert got >= 0, (pair, chosen)
         if want >= 1e-290:
             counted += 1
             assert error(got, want) <= 1e-12, (pair, chosen, float(want))
     assert counted > 1300
+
+
+def test_long_and_short_vectors_beside_the_horizon() -> None:
+    """A lobe of 1e-6 at z = 1e-3: a direction that is rounded again is one ten-millionth of f off."""
+    draw, model = np.random.default_rng(5), Ward(roughness=1e-6)
+    for _ in range(100):
+        turn, lengths = draw.uniform(0, 2 * np.pi), 10 ** draw.uniform(-2, 2, 2)
+        flat = np.array([np.cos(turn), np.sin(turn), 0])
+        wi = lengths[0] * (flat + np.array([0, 0, 1e-3]))
+        wo = lengths[1] * (np.append(1e-9 * draw.normal(size=2), 1e-3) - flat)
+        want = oracle.ward(*oracle.from_vectors(wi, wo), roughness=1e-6)
+        assert want > 1e-290
+        assert error(model.evaluate_vectors(wi, wo)[0], want) <= 1e-12
 
 
 def test_raw_vectors_agree_with_mpmath() -> None:

@@ -15,6 +15,7 @@ from PIL import Image
 
 import brdfcore as bc
 from brdfcore.base.registry import REPRESENTATIONS
+from brdfcore.metrics.incidence import worst
 from brdfcore.reporting import words
 from brdfcore.reporting.appearance import appearance, flip
 from brdfcore.reporting.error_map import error_map
@@ -114,6 +115,7 @@ def test_the_table_written_holds_what_was_promised(made: Report) -> None:
         assert fresh.l1 <= 1.1 * 0.02
         assert item.verified is not None
         assert item.verified["l1"] == pytest.approx(fresh.l1, rel=0.2)
+        assert item.verified["error"] == pytest.approx(worst([*fresh.by_theta_i, *fresh.between]), rel=0.2)
         assert table.error["tolerance"] == 0.02
 
 

@@ -11,7 +11,8 @@ import pytest
 
 import brdfcore as bc
 from brdfcore.base.conventions import FloatArray
-from brdfcore.tables.base.error_cells import LEVELS, cells
+from brdfcore.base.geometry import vectors_from_angles
+from brdfcore.tables.base.error_cells import BY_DISTANCE, LEVELS, cells
 from brdfcore.tables.base.local_error import LocalError, decoded, encoded
 from tests.benchmarks.uncertainty import INCIDENCES, by_energy, uniform
 from tests.shared import needs_shared, rgl_path
@@ -136,7 +137,42 @@ def test_damage_is_refused(name: str, bad: Any) -> None:
             LocalError.from_arrays(made.local_error.arrays, {"level": level}, 1)
 
 
-@pytest.mark.parametrize("level", range(LEVELS))
+@pytest.mark.slow
+@needs_shared
+@pytest.mark.parametrize("name", ["cc_iris_purple_gem", "chm_light_blue"])
+def test_fewer_nodes_of_the_normals_density(name: str) -> None:
+    """They move samples where that density bends: by half vector, not by distance from the mirror direction."""
+    source = bc.read(rgl_path(name))
+    whole = source.to_arrays()["warp"].shape
+    made = bc.tabulate(source, "vndf_warp", shape=(whole[1] // 4, whole[2] // 2))
+    assert made.local_error is not None
+    assert made.local_error.level >= BY_DISTANCE
+    assert made.local_error.nbytes <= 0.1 * made.nbytes
+    for angles in (uniform(40_000, 5), by_energy(source, 40_000, 6)):
+        error, width = np.abs(made.evaluate(*angles) - source.evaluate(*angles)), made.uncertainty(*angles)
+        assert 0.93 <= (error <= width).mean() <= 0.98
+        assert np.median(width) <= 8 * np.median(error)  # 7 to 18 times by distance
+
+
+@pytest.mark.parametrize("level", range(BY_DISTANCE, LEVELS))
+def test_cells_by_half_vector(level: int) -> None:
+    """Those of the half vector as geometry has it, and every direction has one."""
+    c, angles = cells(level), uniform(20_000, 3)
+    wi, wo = vectors_from_angles(*angles)
+    h = wi + wo
+    theta_h, phi_h = np.arctan2(np.hypot(h[:, 0], h[:, 1]), h[:, 2]), np.abs(np.arctan2(h[:, 1], h[:, 0]))
+    n = c.count // (4 * (len(c.edges_i) - 1))
+    i = np.searchsorted(c.edges_i, angles[0], side="right") - 1
+    expected = (i * n + np.minimum(np.sqrt(np.tan(theta_h / 2)) * n, n - 1).astype(int)) * 4
+    expected += np.minimum(phi_h / np.pi * 4, 3).astype(int)
+    assert (c.numbers(*angles) == expected).mean() > 0.95
+    drawn = c.draw(3, np.random.default_rng(1))
+    assert all((x >= 0).all() and (x <= np.pi / 2).all() for x in drawn[:2])
+    own = c.numbers(*drawn) == np.repeat(np.arange(c.count), 3)
+    assert own[drawn[1] < 1.55].mean() > 0.95  # where a cell's half vectors lead below the horizon, the horizon's
+
+
+@pytest.mark.parametrize("level", range(BY_DISTANCE))
 def test_directions_are_drawn_in_their_cells(level: int) -> None:
     c = cells(level)
     theta_i, theta_o, delta_phi = c.draw(20, np.random.default_rng(1))
