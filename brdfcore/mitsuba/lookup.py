@@ -38,7 +38,7 @@ class HalfDifferenceLookup:
         names = ("guide_h", "guide_d", "map_h", "map_d", "map_p")
         self.words = {name: mi.Float(arrays[name].astype(np.float32)) for name in names}
         self.nodes = mi.Float(np.ascontiguousarray(nodes).reshape(-1))
-        self.steps_z = STEPS_Z * kernels._SHORT
+        self.steps_z = STEPS_Z * kernels.SHORT
 
     def f(self, wi: Any, wo: Any) -> Any:
         """Color3f, 1/sr."""
