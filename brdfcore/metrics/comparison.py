@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from brdfcore.base.brdf import ALBEDO_TOLERANCE, DATA_ALBEDO_TOLERANCE, Brdf
+from brdfcore.base.brdf import Brdf
 from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import HALF_PI, FloatArray
 from brdfcore.base.directions import mixture
 from brdfcore.base.errors import InputError
+from brdfcore.base.reflectance import ALBEDO_TOLERANCE, DATA_ALBEDO_TOLERANCE
 from brdfcore.metrics.estimators import (
     Estimate,
     cube_root_differences,

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from brdfcore.analysis.check.pairs import difference
-from brdfcore.base.brdf import DATA_ALBEDO_TOLERANCE, Brdf
+from brdfcore.base.brdf import Brdf
 from brdfcore.base.conventions import FloatArray
 from brdfcore.base.errors import InputError
 from brdfcore.base.parameters import shown
+from brdfcore.base.reflectance import DATA_ALBEDO_TOLERANCE
 from brdfcore.metrics import ALBEDO_SLACK, BIAS_ANGLES
 
 Float64Array = npt.NDArray[np.float64]
