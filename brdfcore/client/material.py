@@ -165,6 +165,11 @@ class Described:
         return exchanges.told(self.id, "gloss")
 
     @question
+    def arrays(self) -> Exchange[bytes]:
+        """The table's nodes as one safetensors file, what `bc.export` writes beside a shader (`bc.array_bytes`)."""
+        return exchanges.drawn("tables", self.id, "arrays")
+
+    @question
     def fit(
         self, model: str = "ggx", lobes: int | str = 1, loss: str = "auto", *, base: str = "lambert"
     ) -> Exchange[dict[str, Any]]:
