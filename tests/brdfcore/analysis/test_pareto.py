@@ -297,8 +297,9 @@ def test_a_measured_file_is_its_own_table() -> None:
         bc.read(path), sizes=(32_000,), rounds=2, directions=5_000, representations=("vndf_warp", "angle_grid")
     )
     own = [e for e in found.entries if e.representation == "vndf_warp"]
-    assert len(own) == 1
-    assert (own[0].error, own[0].nbytes) == (0.0, bc.read(path).nbytes)  # type: ignore[attr-defined]
+    whole = max(own, key=lambda e: e.nbytes or 0)
+    assert (whole.error, whole.nbytes) == (0.0, bc.read(path).nbytes)  # type: ignore[attr-defined]
+    assert all(0 < e.error < 0.01 for e in own if e is not whole)  # fewer nodes of the normals' density
 
 
 @pytest.mark.parametrize("source", [bc.model("oren_nayar", sigma=0.5), bc.model("ggx", roughness=0.02)])

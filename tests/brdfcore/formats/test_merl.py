@@ -16,6 +16,7 @@ import brdfcore as bc
 from brdfcore import testing
 from brdfcore.formats.base.format import LossWarning
 from brdfcore.formats.merl import MerlFormat
+from brdfcore.tables.base.sampled import SMALLEST_NODE
 from brdfcore.tables.half_angle_grid import MERL_SHAPE, HalfAngleGrid, cell_angles
 from tests import shared
 from tests.support.merl_plain import SCALES, cell_of, read_plainly
@@ -60,7 +61,7 @@ def test_full_size_against_an_independent_reader(tmp_path: Path) -> None:
     assert (plain[~valid] == -np.array(SCALES)).all()
     some = np.flatnonzero(valid)[:: 97 * 5]
     exact = METALS.evaluate(*(a.reshape(-1)[some] for a in (theta_i, theta_o, delta_phi)))
-    assert np.allclose(plain.reshape(-1, 3)[some], exact, rtol=1.2e-7, atol=1e-45)
+    assert np.allclose(plain.reshape(-1, 3)[some], exact, rtol=1.2e-7, atol=SMALLEST_NODE)
     table = bc.read(path)
     assert isinstance(table, HalfAngleGrid)
     assert np.array_equal(table.values[valid], plain[valid].astype(np.float32))
