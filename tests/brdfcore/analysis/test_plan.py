@@ -70,6 +70,19 @@ def test_formulas_stay_formulas_and_equals_are_shared(planned: Plan) -> None:
     assert planned.to_json()["total"]["share_of_naive"] == planned.nbytes / planned.naive_bytes
 
 
+@pytest.mark.slow
+def test_a_plan_agrees_with_tabulate(folder: Path) -> None:
+    """For one table and no limit of bytes: the same error, in no more bytes (a plan weighs them more than time)."""
+    file = folder / "paint.h5"
+    scene = {"budget": {"error": 0.02}, "materials": [{"name": "car", "file": str(file)}]}
+    found = bc.plan(scene, sizes=(16_000,), directions=5_000).choices[0].entry
+    table = bc.tabulate(bc.read(file), tolerance=0.02)
+    assert found.representation == table.name
+    assert found.error <= 0.02
+    assert found.nbytes is not None
+    assert found.nbytes <= table.nbytes
+
+
 def test_only_what_is_seen_is_stored_and_measured(planned: Plan, folder: Path) -> None:
     car = planned.choices[-1]
     assert list(car.source.channels) == ["G"]
