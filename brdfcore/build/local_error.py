@@ -45,10 +45,10 @@ def with_uncertainty(table: Table, source: Brdf) -> Table:
     rng = np.random.default_rng(_SEED)
     slow = max(getattr(b, "size", 0) for b in (source, table))  # terms of an expansion
     level, wide = fitting(table.nbytes, len(table.channels), by_half=table.OFF_BY_HALF_VECTOR)
-    c = cells(level)
     most = min(_MOST_VALUES // len(table.channels), max(_MOST_SUMS // max(slow, 1), _LEAST))
     while level > 0 and cells(level).count * _LEAST_EACH > most and not table.OFF_BY_HALF_VECTOR:
         level, wide = level - 1, 1
+    c = cells(level)
     held = int(np.clip(most // (12 * len(EDGES)), 40, _HELD))
     each = int(np.clip(most // c.count, _LEAST_EACH, _EACH))
     angles = c.draw(each, rng)

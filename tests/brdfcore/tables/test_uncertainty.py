@@ -56,6 +56,19 @@ def test_95_of_100_errors_are_within(name: str) -> None:
         assert within.mean() >= 0.85, (degrees, within.mean())
 
 
+def test_slow_sums_are_measured_in_coarser_cells() -> None:
+    """What an expansion of a large degree comes to: it tells the number of its terms as `size`."""
+    levels = []
+    for terms in (0, 10**9):
+        source = paint()
+        source.size = terms  # type: ignore[attr-defined]
+        made = bc.tabulate(source, "angle_grid", shape=(20, 20, 21))
+        assert made.local_error is not None
+        levels.append(made.local_error.level)
+        assert (made.uncertainty(0.3, [0.3, 1.0], 3.0) > 0).all()
+    assert levels[1] < levels[0]
+
+
 @pytest.mark.slow
 @needs_shared
 @pytest.mark.parametrize("name", ["vch_golden_yellow", "aurora_white", "paper_white"])
