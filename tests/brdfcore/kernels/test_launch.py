@@ -65,7 +65,7 @@ def test_without_the_tbb_package_another_layer_serves() -> None:
     assert answer["wrong"] == 0
 
 
-@pytest.mark.parametrize(("layer", "seconds"), first_fast(("tbb", 1), ("tbb", 30), ("omp", 30), ("workqueue", 30)))
+@pytest.mark.parametrize(("layer", "seconds"), first_fast(("tbb", 1), ("tbb", 12), ("omp", 12), ("workqueue", 12)))
 def test_eight_threads(layer: str, seconds: int) -> None:
     if layer not in installed_layers():
         pytest.skip(f"the library of the {layer} layer is not installed")
