@@ -86,7 +86,7 @@ class Sampling:
             rest = (1 - part).astype(held.dtype)
             pdf *= rest
             weight /= np.where(rest > 0, rest, 1)[:, None]
-            theta_i = np.arccos(np.clip(_cosines(held[chosen]), 0, 1))
+            theta_i = _polar(held[chosen])
             wo[chosen], pdf[chosen] = _unit(held[chosen]) * np.array([-1, -1, 1]), np.inf
             weight[chosen] = self.delta_reflectance(theta_i) / part[chosen, None]  # type: ignore[attr-defined]
         return Sample(wo.reshape(*shape, 3), weight.reshape(*shape, len(self.channels)), pdf.reshape(shape))
@@ -120,13 +120,12 @@ class Sampling:
 
     def _delta_part(self, wi: FloatArray) -> npt.NDArray[np.float64]:
         """Probability of the mirror part, (n,): its share of the reflectance."""
-        cos_i = _cosines(wi)
-        sin_i = np.sqrt(np.maximum(1 - cos_i * cos_i, 0))
-        mirror = self.delta_reflectance(np.arccos(np.clip(cos_i, 0, 1))).mean(axis=-1)  # type: ignore[attr-defined]
-        regular = self._made_sampler().regular_reflectance(sin_i)
+        theta_i = _polar(wi)
+        mirror = self.delta_reflectance(theta_i).mean(axis=-1)  # type: ignore[attr-defined]
+        regular = self._made_sampler().regular_reflectance(np.sin(theta_i))
         total = mirror + regular
         part: npt.NDArray[np.float64] = np.divide(mirror, total, out=np.zeros_like(total), where=total > 0)
-        return np.where(cos_i > 0, part, 0.0)
+        return np.where(wi[:, 2] > 0, part, 0.0)
 
     def _split(
         self, wi: FloatArray, u: FloatArray
@@ -179,10 +178,11 @@ def _checked(wi: FloatArray, u: FloatArray, shape: tuple[int, ...]) -> tuple[Flo
     return np.ascontiguousarray(scaled.wi), u
 
 
-def _cosines(w: FloatArray) -> npt.NDArray[np.float64]:
+def _polar(w: FloatArray) -> npt.NDArray[np.float64]:
+    """theta of n vectors, rad; the horizon for those below it."""
     wide = w.astype(np.float64)
-    cosines: npt.NDArray[np.float64] = wide[:, 2] / np.sqrt((wide * wide).sum(axis=1))
-    return cosines
+    theta: npt.NDArray[np.float64] = np.arctan2(np.hypot(wide[:, 0], wide[:, 1]), np.maximum(wide[:, 2], 0))
+    return theta
 
 
 def _unit(w: FloatArray) -> npt.NDArray[np.float64]:
