@@ -26,6 +26,15 @@ from brdfcore.base.registry import MODELS
 from brdfcore.cli.output import warn
 from brdfcore.names import AngleUnit
 
+#: Ranges of what a scene sees, FROM,TO (`angle_range`).
+Light = Annotated[
+    str | None,
+    typer.Option("--light", metavar="FROM,TO", help="Only for light from these theta_i, degrees.", show_default=False),
+]
+View = Annotated[
+    str | None,
+    typer.Option("--view", metavar="FROM,TO", help="Only for views at these theta_o, degrees.", show_default=False),
+]
 Unit = Annotated[AngleUnit, typer.Option("--angles", help="Unit of the angles given and printed.")]
 
 GRAMMAR = """A SOURCE is a file (a measured file or a table, told apart by its content) or a model with parameters:

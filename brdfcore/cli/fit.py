@@ -30,14 +30,8 @@ def fit(
     lobes: Annotated[str, typer.Option(metavar="[auto|0..3]", help="Specular lobes on the diffuse base.")] = "auto",
     loss: Annotated[str, typer.Option(help="auto, energy, relative, cube_root or log: what is made small.")] = "auto",
     base: Annotated[str, typer.Option(metavar="[lambert|oren_nayar]", help="The diffuse part.")] = "lambert",
-    light: Annotated[
-        str | None,
-        typer.Option(metavar="FROM,TO", help="Only for light from these theta_i, degrees.", show_default=False),
-    ] = None,
-    view: Annotated[
-        str | None,
-        typer.Option(metavar="FROM,TO", help="Only for views at these theta_o, degrees.", show_default=False),
-    ] = None,
+    light: arguments.Light = None,
+    view: arguments.View = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
     json: Annotated[bool, typer.Option("--json", help="JSON on stdout; an error is JSON on stderr.")] = False,
 ) -> None:
@@ -47,8 +41,8 @@ def fit(
     if out is not None:
         may_write(out, force)
     angles = {
-        name.removeprefix("--"): arguments.angle_range(name, text)
-        for name, text in (("--light", light), ("--view", view))
+        name: arguments.angle_range(f"--{name}", text)
+        for name, text in (("light", light), ("view", view))
         if text is not None
     }
     found = fitted(arguments.load(source), model, _count(lobes), loss, base=base, angles=angles)
@@ -63,11 +57,11 @@ def fit(
 
 
 def _count(text: str) -> int | str:
-    if text == "auto" or not text.isdigit():
-        if text != "auto":
-            said = f"--lobes {text[:40]!r}: expected auto, or 0 to 3"
-            raise InputError("bad_option", said, where="--lobes", got=text[:40], expected="auto, or 0 to 3")
+    if text == "auto":
         return text
+    if text not in ("0", "1", "2", "3"):
+        said = f"--lobes {text[:40]!r}: expected auto, or 0 to 3"
+        raise InputError("bad_option", said, where="--lobes", got=text[:40], expected="auto, or 0 to 3")
     return int(text)
 
 

@@ -49,14 +49,8 @@ def tabulate(
         str | None,
         typer.Option(metavar="NAMES", help="bilateral, reciprocal: average over a symmetry.", show_default=False),
     ] = None,
-    light: Annotated[
-        str | None,
-        typer.Option(metavar="FROM,TO", help="Only for light from these theta_i, degrees.", show_default=False),
-    ] = None,
-    view: Annotated[
-        str | None,
-        typer.Option(metavar="FROM,TO", help="Only for views at these theta_o, degrees.", show_default=False),
-    ] = None,
+    light: arguments.Light = None,
+    view: arguments.View = None,
     measure: Annotated[
         str, typer.Option(metavar="[incidence|average]", help="What a tolerance bounds: each incidence, or the mean.")
     ] = "incidence",
