@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -18,6 +19,7 @@ from brdfcore.base.catalogue import model_from_json
 from brdfcore.base.channels import Channels
 from brdfcore.base.conventions import HALF_PI, FloatArray
 from brdfcore.base.errors import InputError, LimitError
+from brdfcore.base.parameters import shown
 from brdfcore.metrics.comparison import WHOLE, Comparison, compare, energy_draws
 from brdfcore.metrics.estimators import honest_ratio
 from brdfcore.metrics.lobes import Lobes
@@ -183,12 +185,18 @@ def _checked(model: str, lobes: int | str, loss: str, base: str) -> list[int]:
 
 
 def _ranges(angles: Mapping[str, Range] | None) -> dict[str, Range]:
+    found: dict[str, Range] = {}
     for name, pair in (angles or {}).items():
-        if name not in ("light", "view") or len(pair) != 2 or not 0 <= pair[0] < min(pair[1], HALF_PI):
-            expected = "light or view: 0 <= from < to <= pi/2, radians"
-            said = f"angles: {name} = {pair!r}: expected {expected}"
-            raise InputError("bad_range", said, where=name, got=str(pair), expected=expected)
-    return {name: (float(low), float(high)) for name, (low, high) in (angles or {}).items()}
+        try:
+            low, high = (float(x) for x in pair)
+        except (TypeError, ValueError):
+            low, high = math.nan, math.nan
+        if name not in ("light", "view") or not 0 <= low < min(high, HALF_PI):
+            expected = "light or view: (from, to), 0 <= from < to <= pi/2, radians"
+            said = f"angles: {name} = {shown(pair)}: expected {expected}"
+            raise InputError("bad_range", said, where=name, got=shown(pair), expected=expected)
+        found[name] = (low, high)
+    return found
 
 
 def drawn_rows(b: Brdf, directions: int, seed: int, ranges: Mapping[str, Range]) -> Rows:

@@ -87,16 +87,13 @@ def estimates(
         if unknown[place]:
             found[k] = Estimated(names[k], values[k], why="not identified")
             continue
-        slope = (
-            1.0 if k < channels * terms else free[k - channels * terms][2].slope(state.at(free[k - channels * terms]))
-        )
-        # on the scale that it is searched on the problem is nearer to linear: the ends are taken there
+        half = _QUANTILE * sigma[place]
         if k < channels * terms:
-            low, high = values[k] - _QUANTILE * sigma[place], values[k] + _QUANTILE * sigma[place]
-        else:
+            slope, low, high = 1.0, values[k] - half, values[k] + half
+        else:  # on the scale that it is searched on the problem is nearer to linear: the ends are taken there
             f, at = free[k - channels * terms][2], state.at(free[k - channels * terms])
-            ends = (np.clip(at + side * _QUANTILE * sigma[place], f.low, f.high) for side in (-1, 1))
-            low, high = (f.value(float(e)) for e in ends)
+            slope = f.slope(at)
+            low, high = (f.value(float(np.clip(end, f.low, f.high))) for end in (at - half, at + half))
         found[k] = Estimated(names[k], values[k], float(sigma[place] * slope), float(low), float(high))
     return found, _correlated(covariance, sigma, [names[k] for k in keep], unknown), condition
 

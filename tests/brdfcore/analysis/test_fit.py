@@ -158,6 +158,8 @@ def test_only_what_a_scene_sees() -> None:
         ({"lobes": 4}, "lobes"),
         ({"lobes": True}, "lobes"),
         ({"angles": {"light": (2.0, 3.0)}}, "light"),
+        ({"angles": {"light": 0.5}}, "light"),
+        ({"angles": {"view": ("low", np.nan)}}, "view"),
     ],
 )
 def test_what_is_refused(options: dict[str, object], where: str) -> None:
